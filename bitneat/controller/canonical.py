@@ -70,7 +70,8 @@ def _fold_constants(controller: Controller) -> Controller:
         else:
             value = node_value(Node((), bias, node.gain, node.activation), (), (), controller.frac_bits)
             constants[index] = value
-            nodes.append(Node((), value, 0, "identity"))
+            # Clamped where it fits, so that the node's declared limit never grows and no reader's sum with it.
+            nodes.append(Node((), value, 0, "clamped" if abs(value) <= controller.one else "identity"))
     outputs = [
         Constant(constants[output.index]) if isinstance(output, Signal) and output.index in constants else output
         for output in controller.outputs
