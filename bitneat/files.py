@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: MIT
+"""Reading and writing of files as every part of bitneat does it: written whole or not at all, read up to a limit."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import stat
+from pathlib import Path
+from typing import Any
+
+from bitneat.errors import BitneatError
+
+
+class FileError(BitneatError):
+    """A file cannot be read or written; the message names it and says why."""
+
+
+def write_atomic(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write ``content`` to ``path`` so that at any moment, and after a crash, the file is whole: the old or the new.
+
+    The bytes go to a temporary file in the same folder, which is synced and renamed over ``path``; the folder is synced
+    too, so that the rename survives a loss of power. Links are followed, an existing file keeps its mode, and what is
+    no regular file (``/dev/stdout``, a pipe) is written straight. If anything fails, the old file stands and the
+    temporary one is gone.
+
+    Raises:
+        FileError: The folder is missing or closed to us, the disk is full, or ``path`` is a folder.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        mode = _mode(target)
+        if mode is not None and not stat.S_ISREG(mode):
+            target.write_bytes(content)
+        else:
+            _replace(target, content, mode)
+    except OSError as error:
+        raise FileError(f"{path}: cannot write: {error.strerror or error}") from error
+
+
+def write_json(path: str | os.PathLike[str], data: Any) -> None:
+    """Write ``data`` to ``path`` as indented JSON with a final newline, as `write_atomic` writes.
+
+    Raises:
+        FileError: As `write_atomic`.
+        ValueError: ``data`` holds a NaN or an infinity, which JSON cannot say.
+    """
+    write_atomic(path, (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
+    """Read the whole of ``path``, which may hold at most ``limit`` bytes, however large it claims to be.
+
+    Raises:
+        FileError: The file is missing, closed to us, no file, or larger than ``limit``.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise FileError(f"{path}: cannot read: {error.strerror or error}") from error
+    if len(content) > limit:
+        raise FileError(f"{path}: larger than {limit} bytes, the most that is read of such a file")
+    return content
+
+
+def _mode(path: Path) -> int | None:
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _replace(target: Path, content: bytes, mode: int | None) -> None:
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+    try:
+        # Not tempfile.mkstemp: its files are private, and a result should obey the umask like any other.
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        with os.fdopen(descriptor, "wb") as file:
+            if mode is not None:
+                os.fchmod(file.fileno(), stat.S_IMODE(mode))
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(target.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: MIT
+import errno
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from bitneat.files import FileError, read_capped, write_atomic, write_json
+
+
+def test_a_written_file_holds_the_content_and_nothing_else_is_left(tmp_path: Path) -> None:
+    write_atomic(tmp_path / "a.bin", b"\x00\xff")
+    assert (tmp_path / "a.bin").read_bytes() == b"\x00\xff"
+    assert os.listdir(tmp_path) == ["a.bin"]
+
+
+def test_a_file_that_was_there_is_replaced_and_keeps_its_mode(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_text("old")
+    path.chmod(0o640)
+    write_atomic(path, b"new")
+    assert path.read_bytes() == b"new"
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_new_file_obeys_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_atomic(tmp_path / "a", b"")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_link_is_followed_and_stays_a_link(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to("real")
+    write_atomic(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_bytes() == b"new"
+
+
+def test_a_device_is_written_straight() -> None:
+    write_atomic("/dev/null", b"gone")
+    assert not Path("/dev/null").is_file()
+
+
+def test_a_full_disk_leaves_the_old_file_and_no_temporary_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "checkpoint"
+    path.write_text("old")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(FileError, match=r"checkpoint: cannot write: No space left on device"):
+        write_atomic(path, b"new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["checkpoint"]
+
+
+def test_an_interrupt_in_the_middle_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "checkpoint"
+    path.write_text("old")
+
+    def interrupted(descriptor: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomic(path, b"new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["checkpoint"]
+
+
+def test_a_missing_folder_and_a_folder_in_the_way_are_named(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"none/a: cannot write: No such file or directory"):
+        write_atomic(tmp_path / "none" / "a", b"")
+    with pytest.raises(FileError, match=r"cannot write: Is a directory"):
+        write_atomic(tmp_path, b"")
+
+
+def test_json_ends_with_a_newline_and_reads_back(tmp_path: Path) -> None:
+    data = {"name": "größe", "values": [1, 2.5, None]}
+    write_json(tmp_path / "a.json", data)
+    text = (tmp_path / "a.json").read_text(encoding="utf-8")
+    assert text.endswith("}\n")
+    assert json.loads(text) == data
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(tmp_path / "a.json", float("nan"))
+    assert (tmp_path / "a.json").read_text(encoding="utf-8") == text
+
+
+def test_a_read_stops_at_its_limit(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    assert read_capped(tmp_path / "a", 5) == b"12345"
+    with pytest.raises(FileError, match=r"a: larger than 4 bytes"):
+        read_capped(tmp_path / "a", 4)
+    with pytest.raises(FileError, match=r"larger than 10 bytes"):
+        read_capped("/dev/zero", 10)
+    with pytest.raises(FileError, match=r"b: cannot read: No such file"):
+        read_capped(tmp_path / "b", 4)
