@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: MIT
+"""Choosing the sub-command, and turning whatever happens into an exit status and at most one line on stderr.
+
+A sub-command is a module of this package with
+
+- ``HELP``: what it does, one line; the same as in `COMMANDS`, which has it so that ``bitneat --help`` imports nothing;
+- ``EXAMPLE``: command lines that show it, printed at the end of its ``--help``;
+- ``add_arguments(parser)``;
+- ``run(args) -> int``: the exit status; 0, or 1 if what was to be checked does not hold.
+
+It may raise `BitneatError`, whose message is the line the user sees. It imports nothing heavy at its top.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn, Protocol, cast
+
+from bitneat.errors import BitneatError
+from bitneat.version import __version__
+
+GOOD = 0
+CHECK_FAILED = 1
+BAD_INPUT = 2
+INTERRUPTED = 128 + signal.SIGINT
+_BROKEN_PIPE = 128 + signal.SIGPIPE
+
+COMMANDS: dict[str, tuple[str, str]] = {}
+"""Name of a sub-command: its module, and its one line of help."""
+
+_DESCRIPTION = (
+    "Evolve ternary neural controllers, compile them to C that only adds and subtracts, and verify them bit for bit."
+)
+
+
+class Command(Protocol):
+    """What a sub-command's module offers."""
+
+    HELP: str
+    EXAMPLE: str
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the sub-command's own arguments."""
+
+    def run(self, args: argparse.Namespace) -> int:
+        """Do the work and return the exit status."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command line and return its exit status; never a traceback for what a user can cause."""
+    try:
+        status = _run(sys.argv[1:] if argv is None else list(argv))
+        sys.stdout.flush()
+    except BitneatError as error:
+        status = _fail(str(error), error.exit_status)
+    except KeyboardInterrupt:
+        status = _fail("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        status = _BROKEN_PIPE
+    except OSError as error:
+        status = _fail(_describe(error), BAD_INPUT)
+    except MemoryError:
+        status = _fail("out of memory", BAD_INPUT)
+    _settle_stdout()
+    return status
+
+
+def load(name: str) -> Command:
+    """Import the module of a sub-command."""
+    return cast(Command, import_module(COMMANDS[name][0]))
+
+
+def _run(argv: list[str]) -> int:
+    # Only the module of the sub-command that is asked for is imported; the others are names in a list.
+    named = next((argument for argument in argv if not argument.startswith("-")), None)
+    if named is not None and named not in COMMANDS:
+        raise BitneatError(_no_such_command(named))
+    parser = _Parser(prog="bitneat", description=_DESCRIPTION, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"bitneat {__version__}")
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for name, (_, help_text) in COMMANDS.items():
+        if name != named:
+            subparsers.add_parser(name, help=help_text, add_help=False)
+            continue
+        command = load(name)
+        subparser = subparsers.add_parser(
+            name,
+            help=help_text,
+            description=command.HELP,
+            epilog=f"example:\n{command.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        command.add_arguments(subparser)
+        subparser.set_defaults(run=command.run)
+    try:
+        args = parser.parse_args(argv)
+    except SystemExit as stop:  # --help and --version, which have printed what they had to
+        return int(stop.code or GOOD)
+    return int(args.run(args))
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        raise BitneatError(f"{message} (see {self.prog} --help)")
+
+
+def _no_such_command(name: str) -> str:
+    close = difflib.get_close_matches(name, COMMANDS, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
+    return f"{name}: no such command; {hint}"
+
+
+def _fail(message: str, status: int) -> int:
+    print("bitneat:", " ".join(message.split("\n")), file=sys.stderr)
+    return status
+
+
+def _describe(error: OSError) -> str:
+    reason = error.strerror or str(error) or type(error).__name__
+    names = [
+        os.fsdecode(name) for name in (error.filename, error.filename2) if isinstance(name, str | bytes | os.PathLike)
+    ]
+    return ": ".join([" -> ".join(names), reason] if names else [reason])
+
+
+def _settle_stdout() -> None:
+    """Keep the interpreter's own flush at exit from failing, loudly, where ours has failed already."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: MIT
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from bitneat.cli.main import COMMANDS, load, main
+from bitneat.errors import BitneatError, CheckFailedError
+
+HEAVY = ("numpy", "gymnasium", "neat", "jinja2", "cffi", "rich", "matplotlib", "elftools", "multiprocessing", "pickle")
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], int]], None]:
+    """Make ``bitneat work`` do what the test says."""
+
+    def install(work: Callable[[], int]) -> None:
+        module = ModuleType("work")
+        module.HELP = "work"  # type: ignore[attr-defined]
+        module.EXAMPLE = "  bitneat work"  # type: ignore[attr-defined]
+        module.add_arguments = lambda parser: parser.add_argument("--count", type=int)  # type: ignore[attr-defined]
+        module.run = lambda args: work()  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, "work", module)
+        monkeypatch.setitem(COMMANDS, "work", ("work", "work"))
+
+    return install
+
+
+def raiser(error: BaseException) -> Callable[[], int]:
+    def work() -> int:
+        raise error
+
+    return work
+
+
+def run_buffered(*command: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command with Python's usual buffers: argparse keeps quiet about what an unbuffered write tells it."""
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, env=environment, **options)
+
+
+@pytest.mark.parametrize("status", [0, 1])
+def test_a_commands_status_is_the_exit_status(status: int, command: Callable[[Callable[[], int]], None]) -> None:
+    command(lambda: status)
+    assert main(["work"]) == status
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (CheckFailedError("walker.c: stale"), 1, "bitneat: walker.c: stale\n"),
+        (BitneatError("a.pkl: no champion"), 2, "bitneat: a.pkl: no champion\n"),
+        (BitneatError("first\nsecond"), 2, "bitneat: first second\n"),
+        (FileNotFoundError(2, "No such file or directory", "a.pkl"), 2, "bitneat: a.pkl: No such file or directory\n"),
+        (PermissionError(13, "Permission denied", b"a"), 2, "bitneat: a: Permission denied\n"),
+        (OSError(18, "Cross-device link", "a", None, "b"), 2, "bitneat: a -> b: Cross-device link\n"),
+        (OSError(28, "No space left on device"), 2, "bitneat: No space left on device\n"),
+        (OSError("odd"), 2, "bitneat: odd\n"),
+        (MemoryError(), 2, "bitneat: out of memory\n"),
+        (KeyboardInterrupt(), 130, "bitneat: interrupted\n"),
+        (BrokenPipeError(32, "Broken pipe"), 141, ""),
+    ],
+)
+def test_what_goes_wrong_is_one_line_and_a_status(
+    error: BaseException,
+    status: int,
+    line: str,
+    command: Callable[[Callable[[], int]], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command(raiser(error))
+    assert main(["work"]) == status
+    assert capsys.readouterr() == ("", line)
+
+
+def test_a_fault_of_ours_is_not_hidden(command: Callable[[Callable[[], int]], None]) -> None:
+    command(raiser(ValueError("a bug")))
+    with pytest.raises(ValueError, match="a bug"):
+        main(["work"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ([], "the following arguments are required: COMMAND (see bitneat --help)"),
+        (["--nonsense"], "COMMAND"),
+        (["wrok"], "wrok: no such command; did you mean work?"),
+        (["zzz"], "zzz: no such command; the commands are "),
+        (["work", "--count", "x"], "argument --count: invalid int value: 'x' (see bitneat work --help)"),
+        (["work", "--cou", "1"], "unrecognized arguments: --cou 1"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_and_status_2(
+    arguments: list[str],
+    line: str,
+    command: Callable[[Callable[[], int]], None],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    command(lambda: 0)
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert line in err
+    assert err.count("\n") == 1
+
+
+def test_help_lists_every_command_and_exits_with_0(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for name, (_, help_text) in COMMANDS.items():
+        assert name in out
+        assert help_text.split()[0] in out
+
+
+def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("bitneat 0.")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_commands_help_shows_what_it_does_and_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    module = load(name)
+    assert COMMANDS[name][1] == module.HELP
+    assert "\n" not in module.HELP
+    assert main([name, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert f"bitneat {name}" in out.split("example:")[1]
+    assert isinstance(module, ModuleType)
+    module.add_arguments(argparse.ArgumentParser())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)])
+def test_help_starts_without_loading_anything_heavy(arguments: list[str]) -> None:
+    code = (
+        "import json, sys\n"
+        "from bitneat.cli import main\n"
+        f"status = main({arguments!r})\n"
+        "print()\n"
+        "print(json.dumps([status, sorted(sys.modules)]))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    status, modules = json.loads(done.stdout.splitlines()[-1])
+    assert status == 0
+    assert not set(HEAVY) & set(modules)
+
+
+def test_the_package_runs_as_a_module() -> None:
+    done = run_buffered(sys.executable, "-m", "bitneat", "--version", stdout=subprocess.PIPE)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("bitneat ")
+
+
+def test_a_reader_that_goes_away_is_no_noise() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, "w") as pipe:
+        done = run_buffered(sys.executable, "-m", "bitneat", "--help", stdout=pipe)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_full_standard_output_is_one_line_and_status_2() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = run_buffered(sys.executable, "-m", "bitneat", "--help", stdout=full)
+    assert (done.returncode, done.stderr) == (2, "bitneat: No space left on device\n")
