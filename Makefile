@@ -1,0 +1,59 @@
+# Each target does all its own set-up; a machine with python3 (3.11 or newer, with venv), make and cc is enough.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+# A multiplier for the tests' budgets: how many random cases, vectors and steps they try.
+LONG_BUDGET ?= 10
+
+.PHONY: help venv demo test test-long check format clean
+
+help:
+	@echo "make demo       evolve, generate C and verify it, in demo/; then the same for the committed champion"
+	@echo "make test       the tests; installs cross compilers where apt allows it (not with BITNEAT_NO_APT=1)"
+	@echo "make test-long  all tests, the long ones included, with $(LONG_BUDGET) times the budget"
+	@echo "make check      ruff, mypy, clang-format, and the C runtime under CMake"
+	@echo "make format     ruff format and clang-format"
+	@echo "make venv       the Python environment in $(VENV)"
+	@echo "make clean      remove what the other targets made"
+
+venv: $(READY)
+
+$(READY): pyproject.toml
+	@echo "setting up $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+demo: $(READY)
+	@PATH="$(CURDIR)/$(BIN):$$PATH" tools/demo.sh
+
+test: $(READY)
+	@tools/install-debian-tools.sh
+	@$(BIN)/python -m pytest -n auto -m "not long"
+
+test-long: $(READY)
+	@tools/install-debian-tools.sh
+	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
+
+C_SOURCES = $(shell find runtime_c -name '*.[ch]')
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run -Werror $(C_SOURCES)
+	$(BIN)/cmake -S . -B build/check -DCMAKE_BUILD_TYPE=Release >/dev/null
+	$(BIN)/cmake --build build/check --parallel >/dev/null
+	cd build/check && "$(CURDIR)/$(BIN)/ctest" --output-on-failure
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(C_SOURCES)
+
+clean:
+	rm -rf $(VENV) build dist demo .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	find bitneat tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

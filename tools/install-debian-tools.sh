@@ -1,0 +1,63 @@
+#!/bin/sh
+# SPDX-License-Identifier: MIT
+#
+# Installs the Debian packages that the tests can use and that are missing, one line per action. Goes on where it may not:
+# the tests then use the compilers of the ziglang package, or say which tool they lack. BITNEAT_NO_APT=1 turns it off.
+
+set -u
+
+# command that shows that a package is there : package
+WANTED="
+g++:g++
+clang:clang
+arm-none-eabi-gcc:gcc-arm-none-eabi
+arm-none-eabi-objdump:binutils-arm-none-eabi
+avr-gcc:gcc-avr
+avr-objdump:binutils-avr
+"
+# file that shows that a package without a command is there : package
+WANTED_FILES="
+/usr/lib/avr/include/avr/pgmspace.h:avr-libc
+"
+
+missing=""
+for pair in $WANTED; do
+    command -v "${pair%%:*}" >/dev/null 2>&1 || missing="$missing ${pair#*:}"
+done
+for pair in $WANTED_FILES; do
+    [ -e "${pair%%:*}" ] || missing="$missing ${pair#*:}"
+done
+[ -n "$missing" ] || exit 0
+
+if [ -n "${BITNEAT_NO_APT:-}" ]; then
+    echo "tools: not installing$missing (BITNEAT_NO_APT is set)"
+    exit 0
+fi
+if ! command -v apt-get >/dev/null 2>&1; then
+    echo "tools: no apt-get here, going on without$missing"
+    exit 0
+fi
+if [ "$(id -u)" = 0 ]; then
+    as_root="env"
+elif command -v sudo >/dev/null 2>&1 && sudo -n true >/dev/null 2>&1; then
+    as_root="sudo -n env"
+else
+    echo "tools: not root, going on without$missing (to have them: sudo apt-get install$missing)"
+    exit 0
+fi
+
+apt() {
+    $as_root DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=120 -o Acquire::Retries=2 \
+        -o Acquire::http::Timeout=30 "$@" </dev/null >/dev/null 2>&1
+}
+
+echo "tools: reading the package lists"
+apt update || echo "tools: could not read them, trying with those at hand"
+for package in $missing; do
+    if apt install --yes --no-install-recommends "$package"; then
+        echo "tools: installed $package"
+    else
+        echo "tools: could not install $package, going on without"
+    fi
+done
+exit 0
