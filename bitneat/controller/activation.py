@@ -289,7 +289,7 @@ def _gauss() -> Program:
         b.sub(b.constant(0.3010), b.add(b.shifted(a, -2), b.shifted(a, -4))),
         b.integer(0),
     )
-    return b.program("gauss", "exp(-5 z²)")
+    return b.program("gauss", "exp(-5 z^2)")
 
 
 PROGRAMS: dict[str, Program] = {

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""What the interpreter's template needs to know: of one controller, or of any.
+
+The two views have the same fields. For one controller the expressions are literals and absent features leave no code; for the
+general interpreter of the runtime they read the open controller ``c``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from bitneat.codegen.kernels import Kernel, kernel
+from bitneat.controller.activation import ACTIVATION_CODES, ACTIVATION_NAMES
+from bitneat.controller.ir import SIGNAL_MAX, Controller
+from bitneat.controller.packing import ENCODINGS, Blob, Layout
+
+NARROW_CLIP_MAX = 2**31 - 1 - SIGNAL_MAX
+"""Up to this magnitude the difference of a sum and the largest signal stays within 32 bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordByte:
+    """A further byte of a link record: where its bits go, and the condition under which there is one (None: always)."""
+
+    shift: int
+    condition: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One activation of the dispatch: its code and the call that evaluates it."""
+
+    code: int
+    call: str
+
+
+@dataclass(frozen=True)
+class InterpreterView:
+    """The features of an interpreter and the C expressions of its numbers; the template only lays them out."""
+
+    prefix: str
+    general: bool
+    encodings: tuple[str, ...]
+    first_node: str
+    num_slots: str
+    body: str
+    trits_body: str
+    has_shifts: bool
+    has_fields: bool
+    field_bits: str
+    has_general_bias: bool
+    bias_width: str
+    bias_sign: str
+    slot_mask: str
+    sign_position: str
+    last_position: str
+    record_shift: str
+    shift_width: str
+    more_record_bytes: tuple[RecordByte, ...]
+    rice_step: str
+    count_k: str
+    gap_k: str
+    varying_gain: bool
+    fixed_gain: int
+    gain: str
+    clip: str
+    single_activation: str | None
+    activation: str
+    cases: tuple[Case, ...]
+    kernels: tuple[Kernel, ...]
+
+    @property
+    def bytes_use_cursor(self) -> bool:
+        """Whether the encoding ``bytes`` reads its fields as bits: only general biases need that."""
+        return self.has_general_bias
+
+    @property
+    def uses_cursor(self) -> bool:
+        """Whether anything is read bit by bit."""
+        return self.general or self.encodings != ("bytes",) or self.bytes_use_cursor
+
+    @cached_property
+    def helpers(self) -> frozenset[str]:
+        """The arithmetic functions that are called."""
+        names = {"signal"}.union(*(k.helpers for k in self.kernels))
+        names.add(self.clip)
+        if self.single_activation and f"{self.prefix}_clip(" in self.single_activation:
+            names.add("clip")
+        if self.varying_gain or self.fixed_gain < 0:
+            names.add("floor_shift")
+        return frozenset(names)
+
+
+def general_view() -> InterpreterView:
+    """The interpreter with every feature, for blobs that are opened at run time."""
+    kernels = tuple(kernel(name, "bn", None) for name in ACTIVATION_NAMES if name != "identity")
+    return InterpreterView(
+        prefix="bn",
+        general=True,
+        encodings=tuple(ENCODINGS),
+        first_node="c->first_node",
+        num_slots="c->num_slots",
+        body="c->body",
+        trits_body="c->body + ((c->num_nodes * (uint32_t)(c->activation_bits + c->gain_bits + c->bias_width) + 7U) >> 3)",
+        has_shifts=True,
+        has_fields=True,
+        field_bits="(unsigned)(c->activation_bits + c->gain_bits)",
+        has_general_bias=True,
+        bias_width="c->bias_width",
+        bias_sign="c->bias_width == 0 ? 0 : UINT32_C(1) << (c->bias_width - 1U)",
+        slot_mask="c->slot_mask",
+        sign_position="(8U * c->record_bytes - 2U)",
+        last_position="(8U * c->record_bytes - 1U)",
+        record_shift="((record >> (8U * c->record_bytes - 5U)) & (c->has_shifts ? 7U : 0U))",
+        shift_width="(c->has_shifts ? 3U : 0U)",
+        more_record_bytes=(RecordByte(8, "c->record_bytes > 1"), RecordByte(16, "c->record_bytes > 2")),
+        rice_step="(c->has_shifts ? 0U : 1U)",
+        count_k="count_k",
+        gap_k="gap_k",
+        varying_gain=True,
+        fixed_gain=0,
+        gain="c->min_gain + (int)(fields >> c->activation_bits)",
+        clip="clip_wide",
+        single_activation=None,
+        activation="c->activations[fields & ((1U << c->activation_bits) - 1U)]",
+        cases=(
+            *(
+                Case(ACTIVATION_CODES[k.name], f"bn_act_{k.name}(sum{', c->frac_bits' if k.takes_frac_bits else ''})")
+                for k in kernels
+            ),
+            Case(ACTIVATION_CODES["identity"], "sum"),
+        ),
+        kernels=kernels,
+    )
+
+
+def specialized_view(controller: Controller, blob: Blob, prefix: str) -> InterpreterView:
+    """The interpreter that can run just the blob of this canonical controller."""
+    layout = Layout(controller)
+    activations = layout.activations
+    record_bits = 8 * layout.record_bytes
+    gains = {node.gain for node in controller.nodes} or {0}
+    clip = "clip" if _largest_sum(controller) <= NARROW_CLIP_MAX else "clip_wide"
+    activation_mask = (1 << layout.activation_bits) - 1
+    field_bits = layout.activation_bits + layout.gain_bits
+    all_field_bits = (field_bits + layout.bias_width) * layout.num_nodes
+    return InterpreterView(
+        prefix=prefix,
+        general=False,
+        encodings=(blob.encoding,) if controller.nodes else (),
+        first_node=str(layout.first_node),
+        num_slots=str(layout.num_slots),
+        body=f"{prefix}_blob + {blob.body_offset}",
+        trits_body=f"{prefix}_blob + {blob.body_offset + -(-all_field_bits // 8)}",
+        has_shifts=layout.has_shifts,
+        has_fields=field_bits > 0,
+        field_bits=f"{field_bits}",
+        has_general_bias=layout.has_general_bias,
+        bias_width=f"{layout.bias_width}",
+        bias_sign=f"UINT32_C({1 << layout.bias_width >> 1})",
+        slot_mask=f"{(1 << (record_bits - 2 - 3 * layout.has_shifts)) - 1}U",
+        sign_position=f"{record_bits - 2}",
+        last_position=f"{record_bits - 1}",
+        record_shift=f"((record >> {record_bits - 5}) & 7U)",
+        shift_width="3",
+        more_record_bytes=tuple(RecordByte(8 * i, None) for i in range(1, layout.record_bytes)),
+        rice_step="0U" if layout.has_shifts else "1U",
+        count_k=str(blob.data[blob.body_offset] & 7) if blob.encoding == "rice" and controller.nodes else "0",
+        gap_k=str(blob.data[blob.body_offset] >> 3 & 7) if blob.encoding == "rice" and controller.nodes else "0",
+        varying_gain=len(gains) > 1,
+        fixed_gain=layout.min_gain,
+        gain=f"(int)(fields >> {layout.activation_bits}) - {-layout.min_gain}"
+        if layout.min_gain < 0
+        else f"(int)(fields >> {layout.activation_bits}) + {layout.min_gain}",
+        clip=clip,
+        single_activation=_single(prefix, activations[0], clip, controller.one) if len(activations) == 1 else None,
+        activation=f"fields & {activation_mask}U",
+        cases=tuple(
+            Case(code, "sum" if name == "identity" else f"{prefix}_act_{name}(sum)")
+            for code, name in enumerate(activations)
+        ),
+        kernels=tuple(
+            kernel(name, prefix, controller.frac_bits)
+            for name in activations
+            if name != "identity" and not (name == "clamped" and len(activations) == 1)
+        ),
+    )
+
+
+def _single(prefix: str, activation: str, clip: str, one: int) -> str:
+    """Saturation and activation in one expression; a clamp swallows the saturation before it."""
+    if activation == "clamped":
+        return f"{prefix}_{clip}(sum, {one}U)"
+    saturated = f"{prefix}_{clip}(sum, {SIGNAL_MAX}U)"
+    return saturated if activation == "identity" else f"{prefix}_act_{activation}({saturated})"
+
+
+def _largest_sum(controller: Controller) -> int:
+    """A bound on every node's sum after its gain, for inputs within their limits."""
+    return max(
+        (
+            (abs(node.bias) + sum(controller.signal_limit(link.source) << link.shift for link in node.links))
+            << max(node.gain, 0)
+            for node in controller.nodes
+        ),
+        default=0,
+    )

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""Prints an activation's program as a C function.
+
+The argument and the result are signals in two's complement in a ``uint32_t``. All arithmetic is unsigned: it wraps where a
+signed sum would, so that nothing in it is undefined or implementation-defined, and a comparison is the sign bit of a
+difference, so that nothing in it branches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bitneat.controller.activation import CONSTANT_BITS, PROGRAMS, Op, Program, Step, constant
+
+HELPERS_OF_OP = {Op.MIN: "min", Op.MAX: "max", Op.COPYSIGN: "copysign"}
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A C function body: ``statements``, then ``return result``; ``helpers`` are the functions that it calls."""
+
+    name: str
+    formula: str
+    statements: tuple[str, ...]
+    result: str
+    helpers: frozenset[str]
+    takes_frac_bits: bool
+    """Whether the function has a second parameter ``f``."""
+
+
+def kernel(activation: str, prefix: str, frac_bits: int | None) -> Kernel:
+    """The body of ``prefix_act_activation(uint32_t u)``, or of ``prefix_act_activation(uint32_t u, unsigned f)`` for any F if F matters.
+
+    Args:
+        activation: one of the ten names.
+        prefix: what the names of the helper functions start with.
+        frac_bits: F, or None to print code for an F that is known at run time only, in ``f``.
+    """
+    program = PROGRAMS[activation]
+    names = ["u"]
+    statements: list[str] = []
+    for number, step in enumerate(program.steps, start=1):
+        text = _expression(step, names[step.x], names[step.y], prefix, frac_bits)
+        if step.op in (Op.CONST, Op.INT) or number == len(program.steps):
+            names.append(text)
+        else:
+            names.append(f"t{number}")
+            statements.append(f"const uint32_t t{number} = {text};")
+    helpers = frozenset(HELPERS_OF_OP[step.op] for step in program.steps if step.op in HELPERS_OF_OP)
+    takes_frac_bits = frac_bits is None and _depends_on_frac_bits(program)
+    return Kernel(activation, program.formula, tuple(statements), names[-1], helpers, takes_frac_bits)
+
+
+def _depends_on_frac_bits(program: Program) -> bool:
+    return any(step.op in (Op.CONST, Op.SHL_F, Op.LOW, Op.BIT) for step in program.steps)
+
+
+def _expression(step: Step, x: str, y: str, prefix: str, frac_bits: int | None) -> str:
+    match step.op:
+        case Op.CONST | Op.INT:
+            return _constant(step, frac_bits)
+        case Op.ADD:
+            return f"{x} + {y}"
+        case Op.SUB:
+            return f"{x} - {y}"
+        case Op.SHL:
+            return f"{x} << {step.k}"
+        case Op.SHR:
+            return f"{x} >> {step.k}"
+        case Op.SHL_F:
+            return f"{x} << {'f' if frac_bits is None else frac_bits}"
+        case Op.LOW:
+            if frac_bits is None:
+                return f"{x} & ((UINT32_C(1) << (f + {step.k}U)) - 1U)"
+            return f"{x} & {(1 << (frac_bits + step.k)) - 1}U"
+        case Op.BIT:
+            if frac_bits is None:
+                return f"{x} & (UINT32_C(1) << (f + {step.k}U))"
+            return f"{x} & {1 << (frac_bits + step.k)}U"
+        case Op.MIN | Op.MAX | Op.COPYSIGN:
+            return f"{prefix}_{HELPERS_OF_OP[step.op]}({x}, {y})"
+
+
+def _constant(step: Step, frac_bits: int | None) -> str:
+    if step.op is Op.INT or frac_bits is not None:
+        return f"{constant(step, frac_bits or CONSTANT_BITS)}U"
+    if step.k > CONSTANT_BITS - 4:
+        raise ValueError("a constant with more bits than F = 4 leaves room for")
+    below = CONSTANT_BITS - step.k
+    if below == CONSTANT_BITS:
+        return f"(UINT32_C({step.value}) >> ({CONSTANT_BITS}U - f))"
+    return f"(UINT32_C({step.value}) << (f - {below}U))"
