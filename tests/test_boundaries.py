@@ -3,7 +3,6 @@
 
 import ast
 import json
-import pkgutil
 import shutil
 import subprocess
 import sys
@@ -141,8 +140,3 @@ def test_a_fresh_interpreter_loads_no_more_than_the_rules_allow(part: str, absen
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = json.loads(done.stdout.splitlines()[-1])
     assert [name for name in absent if name in loaded] == []
-
-
-def test_every_module_of_the_package_is_covered_by_the_scan() -> None:
-    listed = {module.name for module in pkgutil.walk_packages([str(PACKAGE)], "bitneat.", onerror=lambda name: None)}
-    assert listed <= set(modules_under(PACKAGE))
