@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: MIT
+"""The champion file: a controller, the environment it was evolved in, and where it came from.
+
+`champion.pkl` is a pickle of plain data only and `champion.json` holds the same content; `docs/file-formats.md` lays them out.
+A pickle can run code when it is loaded, so nothing here trusts one: its opcodes are checked against the few that plain data
+needs before a single one is carried out, and the unpickler refuses every global besides.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import pickle
+import pickletools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bitneat.controller import Action, Controller, action_from_data
+from bitneat.errors import BitneatError
+from bitneat.files import read_capped, write_atomic
+
+FORMAT = "bitneat-champion"
+VERSION = 1
+MAX_FILE_BYTES = 16 * 1024 * 1024
+MAX_DEPTH = 24
+MAX_VALUES = 1_000_000
+
+_PLAIN_OPCODES = frozenset(
+    "PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 BINFLOAT SHORT_BINUNICODE BINUNICODE"
+    " EMPTY_LIST APPEND APPENDS EMPTY_DICT SETITEM SETITEMS EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3"
+    " MEMOIZE BINPUT BINGET LONG_BINGET".split()
+)
+
+
+class ChampionError(BitneatError):
+    """A champion file cannot be read."""
+
+
+@dataclass(frozen=True)
+class EnvironmentSpec:
+    """Which Gymnasium environment: its id, keyword arguments, and modules to import first because they register it."""
+
+    id: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    imports: tuple[str, ...] = ()
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain data that `environment_from_data` reads back."""
+        return {"id": self.id, "kwargs": dict(self.kwargs), "imports": list(self.imports)}
+
+
+@dataclass(frozen=True)
+class Champion:
+    """A controller with its context.
+
+    ``environment`` is None for a controller that was imported without one. ``provenance`` is plain data: configuration text,
+    seeds, generation, package versions, held-out score with its seeds; nothing that depends on the clock or the machine.
+    """
+
+    controller: Controller
+    action: Action
+    environment: EnvironmentSpec | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.action.num_outputs != len(self.controller.outputs):
+            raise ChampionError(
+                f"action: needs {self.action.num_outputs} outputs, the controller has {len(self.controller.outputs)}"
+            )
+
+    def to_data(self) -> dict[str, Any]:
+        """The whole champion as plain data."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "controller": self.controller.to_data(),
+            "environment": None if self.environment is None else self.environment.to_data(),
+            "action": self.action.to_data(),
+            "provenance": dict(self.provenance),
+        }
+
+
+def from_data(data: object) -> Champion:
+    """Read a champion from plain data.
+
+    Raises:
+        BitneatError: naming the field that is missing, unknown or wrong.
+    """
+    if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+        raise ChampionError(f"not a champion: expected a mapping with 'format': {FORMAT!r}")
+    version = data.get("version")
+    if type(version) is int and version > VERSION:
+        raise ChampionError(f"version: {version} was written by a newer bitneat, this one reads {VERSION}")
+    if type(version) is not int or version != VERSION:
+        raise ChampionError(f"version: expected {VERSION}, got {version!r:.40}")
+    expected = {"format", "version", "controller", "environment", "action", "provenance"}
+    for key in sorted(expected - set(data)):
+        raise ChampionError(f"missing key {key!r}")
+    for key in data:
+        if key not in expected:
+            raise ChampionError(f"unknown key {key!r:.60}")
+    if not isinstance(data["provenance"], Mapping):
+        raise ChampionError("provenance: expected a mapping")
+    environment = data["environment"]
+    return Champion(
+        controller=Controller.from_data(data["controller"]),
+        action=action_from_data(data["action"]),
+        environment=None if environment is None else environment_from_data(environment),
+        provenance=dict(data["provenance"]),
+    )
+
+
+def environment_from_data(data: object) -> EnvironmentSpec:
+    """Read what `EnvironmentSpec.to_data` wrote.
+
+    Raises:
+        BitneatError: if a field is missing, unknown or of the wrong type.
+    """
+    if not isinstance(data, Mapping) or set(data) != {"id", "kwargs", "imports"}:
+        raise ChampionError("environment: expected a mapping with the keys id, kwargs, imports")
+    imports = data["imports"]
+    if not isinstance(data["id"], str):
+        raise ChampionError("environment.id: expected a string")
+    if not isinstance(data["kwargs"], Mapping) or not all(isinstance(key, str) for key in data["kwargs"]):
+        raise ChampionError("environment.kwargs: expected a mapping with strings as keys")
+    if not isinstance(imports, (list, tuple)) or not all(isinstance(name, str) for name in imports):
+        raise ChampionError("environment.imports: expected a list of strings")
+    return EnvironmentSpec(data["id"], dict(data["kwargs"]), tuple(imports))
+
+
+def load(path: str | Path) -> Champion:
+    """Read ``champion.pkl`` or ``champion.json``; which of them it is, the content tells.
+
+    Raises:
+        BitneatError: in one line that names the file and what is wrong. Nothing in the file is ever executed.
+    """
+    content = read_capped(path, MAX_FILE_BYTES)
+    try:
+        return loads(content)
+    except BitneatError as error:
+        raise ChampionError(f"{path}: {error}") from None
+
+
+def loads(content: bytes) -> Champion:
+    """Read a champion from the bytes of either form.
+
+    Raises:
+        BitneatError: if it is truncated, hostile, foreign or of a later version.
+    """
+    if len(content) > MAX_FILE_BYTES:
+        raise ChampionError(f"not a champion: larger than {MAX_FILE_BYTES} bytes")
+    if not content:
+        raise ChampionError("not a champion: the file is empty")
+    data = _plain_json(content) if content.lstrip()[:1] == b"{" else plain_pickle(content)
+    return from_data(data)
+
+
+def dumps(champion: Champion) -> str:
+    """The champion as JSON text, ended by a newline."""
+    return json.dumps(champion.to_data(), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
+
+
+def dump_pickle(champion: Champion) -> bytes:
+    """The champion as a pickle: the same bytes for equal champions, however their parts are shared in memory."""
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, protocol=4)
+    # Without its memo a pickle does not tell equal strings from identical ones.
+    pickler.fast = True
+    pickler.dump(_checked(champion.to_data()))
+    return buffer.getvalue()
+
+
+def save_pickle(champion: Champion, path: str | Path) -> None:
+    """Write ``champion.pkl``, atomically."""
+    write_atomic(path, dump_pickle(champion))
+
+
+def save_json(champion: Champion, path: str | Path) -> None:
+    """Write ``champion.json``, atomically."""
+    write_atomic(path, dumps(champion).encode("ascii"))
+
+
+def plain_pickle(content: bytes) -> Any:
+    """The plain data in a pickle.
+
+    Raises:
+        BitneatError: if it holds anything but dictionaries, lists, tuples, strings, numbers, booleans and None, or is damaged.
+    """
+    try:
+        for opcode, argument, _ in pickletools.genops(content):
+            if opcode.name not in _PLAIN_OPCODES:
+                detail = f" ({argument!r:.60})" if isinstance(argument, str) else ""
+                raise ChampionError(
+                    f"refused: the pickle uses {opcode.name}{detail}, which plain data does not need and can run code"
+                )
+        data = _PlainUnpickler(io.BytesIO(content)).load()
+    except ChampionError:
+        raise
+    except Exception as error:  # a damaged pickle can raise nearly anything
+        raise ChampionError(f"not a champion: a damaged or truncated pickle ({type(error).__name__})") from None
+    return _checked(data)
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """The second line of defence, should an opcode that names a global ever pass the first."""
+
+    def find_class(self, module_name: str, global_name: str) -> Any:
+        raise ChampionError(f"refused: the pickle names {module_name}.{global_name}")
+
+    def persistent_load(self, pid: Any) -> Any:
+        raise ChampionError("refused: the pickle has a persistent id")
+
+
+def _plain_json(content: bytes) -> Any:
+    def refuse(text: str) -> Any:
+        raise ChampionError(f"not a champion: {text} is no JSON number")
+
+    try:
+        data = json.loads(content.decode("utf-8"), parse_constant=refuse)
+    except ChampionError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise ChampionError(f"not a champion: damaged or truncated JSON ({error!s:.80})") from None
+    return _checked(data)
+
+
+def _checked(data: Any) -> Any:
+    """The data, if it is plain, not too deep and not too large once shared parts are counted each time they occur."""
+    pending: list[tuple[Any, int]] = [(data, 0)]
+    values = 0
+    while pending:
+        value, depth = pending.pop()
+        values += 1
+        if values > MAX_VALUES or depth > MAX_DEPTH:
+            raise ChampionError(f"refused: more than {MAX_VALUES} values or {MAX_DEPTH} levels")
+        if isinstance(value, dict):
+            if not all(type(key) is str for key in value):
+                raise ChampionError("refused: a key is not a string")
+            pending.extend((item, depth + 1) for item in value.values())
+        elif isinstance(value, (list, tuple)):
+            pending.extend((item, depth + 1) for item in value)
+        elif type(value) is float:
+            if not math.isfinite(value):
+                raise ChampionError("refused: a number is not finite")
+        elif value is not None and type(value) not in (str, int, bool):
+            raise ChampionError(f"refused: a {type(value).__name__} is not plain data")
+    return data

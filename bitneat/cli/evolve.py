@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat evolve``: evolve a controller in a Gymnasium environment."""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bitneat.cli.arguments import add_json, whole_number
+from bitneat.errors import BitneatError
+
+if TYPE_CHECKING:
+    from bitneat.evolve.config import Config
+    from bitneat.evolve.run import Outcome, RunFolder, RunSettings
+
+HELP = "evolve a ternary controller in a Gymnasium environment"
+EXAMPLE = """\
+  bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
+  bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
+  bitneat evolve --resume runs/BipedalWalker-v3-0"""
+
+DEFAULT_ENVIRONMENT = "BipedalWalker-v3"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``evolve``; those that a resumed run must not change default to None."""
+    parser.add_argument("--env", metavar="ID", help=f"Gymnasium environment (default {DEFAULT_ENVIRONMENT})")
+    parser.add_argument(
+        "--env-arg", metavar="K=V", action="append", help="argument of the environment, a Python literal or a string"
+    )
+    parser.add_argument(
+        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
+    )
+    parser.add_argument(
+        "--config", metavar="FILE|PRESET", help="configuration (default: the preset of the environment)"
+    )
+    parser.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
+    parser.add_argument(
+        "--generations", metavar="N", type=whole_number(1), help="generations; with --resume, a new total"
+    )
+    parser.add_argument(
+        "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
+    )
+    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    parser.add_argument("--workers", metavar="N", type=whole_number(1), help="processes (default: one a core)")
+    parser.add_argument("--simulator", choices=("auto", "gymnasium"), default="auto", help="default auto")
+    parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
+    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
+    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Evolve, and leave the champion in the run folder, and in the current one if no folder was named."""
+    from bitneat.evolve.run import RunFolder
+
+    if args.time is not None and not 0 < args.time < float("inf"):
+        raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
+    if args.resume is None:
+        settings = _new_settings(args)
+        path = args.output or Path("runs") / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
+        folder = RunFolder(path)
+    else:
+        _refuse_other_settings(args)
+        folder = RunFolder(args.resume)
+        settings = _resumed_settings(args, folder)
+    outcome = _evolve(args, folder, settings)
+    if args.output is None and args.resume is None:
+        from bitneat.champion import save_pickle
+
+        save_pickle(outcome.champion, Path("champion.pkl"))
+    _print_summary(folder, outcome)
+    if args.json is not None:
+        from bitneat.files import write_json
+
+        write_json(args.json, summary(folder, outcome))
+    return 0
+
+
+def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
+    """What ``--json`` says."""
+    from bitneat.controller.packing import pack
+
+    controller = outcome.champion.controller
+    assert outcome.champion.environment is not None
+    return {
+        "run": str(folder.path),
+        "champion": str(folder.champion_pickle),
+        "environment": outcome.champion.environment.id,
+        "finished": outcome.finished,
+        "generation": outcome.candidate.generation,
+        "controller": {
+            "sha256": controller.sha256,
+            "ternary": controller.is_ternary,
+            "nodes": len(controller.nodes),
+            "links": controller.num_links,
+            "packed_bytes": len(pack(controller)),
+        },
+        "held_out": outcome.score.to_data(),
+    }
+
+
+def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
+    from bitneat.evolve.evaluation import GymnasiumEvaluator
+    from bitneat.evolve.progress import progress_for
+    from bitneat.evolve.run import carry_on
+    from bitneat.evolve.search import episode_limit
+    from bitneat.sim.environment import inspect
+
+    info = inspect(settings.environment)
+    max_steps = episode_limit(settings.config, settings.environment, info)
+    if args.resume is None:
+        folder.create(settings)
+    elif args.generations is not None or args.time is not None:
+        folder.save_settings(settings)
+    if settings.seconds is not None:
+        print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
+    progress = progress_for()
+    evaluator = GymnasiumEvaluator(settings.environment, info.action, max_steps, args.workers or _cores())
+    try:
+        return carry_on(folder, settings, info, evaluator, progress)
+    except KeyboardInterrupt:
+        progress.close()
+        print(f"bitneat: stopped; continue with: bitneat evolve --resume {folder.path}", file=sys.stderr)
+        raise
+    finally:
+        evaluator.close()
+        progress.close()
+
+
+def _new_settings(args: argparse.Namespace) -> RunSettings:
+    from bitneat.champion import EnvironmentSpec
+    from bitneat.evolve.config import load, preset_for
+    from bitneat.evolve.run import RunSettings
+
+    spec = EnvironmentSpec(
+        args.env or DEFAULT_ENVIRONMENT, _keyword_arguments(args.env_arg or []), tuple(args.imports or ())
+    )
+    config = load(args.config if args.config is not None else preset_for(spec))
+    if args.pop is not None:
+        config = config.with_values("NEAT", pop_size=args.pop)
+    return RunSettings(spec, _with_generations(config, args.generations), args.seed or 0, args.time)
+
+
+def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
+    from dataclasses import replace
+
+    settings = folder.settings()
+    config = _with_generations(settings.config, args.generations)
+    return replace(settings, config=config, seconds=settings.seconds if args.time is None else args.time)
+
+
+def _with_generations(config: Config, generations: int | None) -> Config:
+    return config if generations is None else config.with_values("evolve", generations=generations)
+
+
+def _refuse_other_settings(args: argparse.Namespace) -> None:
+    given = {
+        "--env": args.env, "--env-arg": args.env_arg, "--import": args.imports, "--config": args.config, "--pop": args.pop,
+        "--seed": args.seed, "-o": args.output,
+    }  # fmt: skip
+    for option, value in given.items():
+        if value is not None:
+            raise BitneatError(f"{option}: not with --resume, which takes it from the run")
+
+
+def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
+    arguments = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not key.isidentifier():
+            raise BitneatError(f"--env-arg {pair}: expected NAME=VALUE")
+        try:
+            value = ast.literal_eval(text)
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            value = {"true": True, "false": False, "none": None}.get(text.lower(), text)
+        if not isinstance(value, (str, int, float, bool, list, tuple, dict, type(None))):
+            raise BitneatError(f"--env-arg {pair}: expected a number, a string, a list or a dictionary")
+        arguments[key] = value
+    return arguments
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
+    result = summary(folder, outcome)
+    controller, score = result["controller"], outcome.score
+    if not outcome.finished:
+        print("stopped by --time")
+    print(
+        f"champion: {score.mean:.1f} ± {score.std:.1f} over {score.episodes} held-out episodes"
+        f" (min {score.min:.1f}, max {score.max:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
+        f" {controller['packed_bytes']} bytes packed"
+    )
+    print(f"written: {result['champion']}")

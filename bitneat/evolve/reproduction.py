@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: MIT
+"""Species and reproduction on neat-python's framework, by rank.
+
+A genome's ``fitness`` is its rank in the race, scaled to [0, 1]: noisy rewards order genomes, their sizes say nothing. Elites are the
+best of the whole population, and they run again in the next generation on its seeds.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from typing import Any
+
+from neat.innovation import InnovationTracker
+from neat.reproduction import DefaultReproduction
+from neat.species import DefaultSpeciesSet, Species
+
+from bitneat.evolve.genome import BitGenome, Indexer, same_network
+
+
+class Settings:
+    """Checked entries as attributes, the way neat-python's classes hold their configuration."""
+
+    def __init__(self, entries: Mapping[str, Any]) -> None:
+        self.__dict__.update(entries)
+
+
+class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
+    """neat-python's speciation, with a threshold that drifts toward the wanted number of species."""
+
+    def __init__(self, config: Any, reporters: Any) -> None:
+        super().__init__(config, reporters)
+        self.indexer = Indexer(1)
+        self.threshold: float = config.compatibility_threshold
+
+    def speciate(self, config: Any, population: dict[int, BitGenome], generation: int) -> None:
+        """Partition the population, then adjust the threshold for the next time."""
+        self._keep_nearest(population)
+        self.species_set_config.compatibility_threshold = self.threshold
+        super().speciate(config, population, generation)
+        excess = len(self.species) - self.species_set_config.target_species
+        if excess:
+            self.threshold = min(max(self.threshold * (1.05 if excess > 0 else 0.95), 0.05), 20.0)
+
+    def _keep_nearest(self, population: dict[int, BitGenome]) -> None:
+        """neat-python needs a genome for each old species; where there are fewer, the youngest species go."""
+        for key in sorted(self.species)[len(population) :]:
+            del self.species[key]
+
+
+class NoStagnation:
+    """No species is removed for standing still: ranks are relative, so that a species that does will shrink anyway."""
+
+    def __init__(self, config: Any, reporters: Any) -> None:
+        del config, reporters
+
+    def update(self, species_set: BitSpeciesSet, generation: int) -> list[tuple[int, Species, bool]]:
+        """Every species, none stagnant."""
+        del generation
+        return [(key, species_set.species[key], False) for key in sorted(species_set.species)]
+
+
+class BitReproduction(DefaultReproduction):  # type: ignore[misc]
+    """Elites of the population, then children of each species in proportion to its mean rank."""
+
+    def __init__(self, config: Any, reporters: Any, stagnation: Any) -> None:
+        super().__init__(config, reporters, stagnation)
+        self.genome_indexer = Indexer(1)
+        self.innovation_tracker = InnovationTracker()
+
+    def create_new(self, genome_type: type[BitGenome], genome_config: Any, num_genomes: int) -> dict[int, BitGenome]:
+        """A population from scratch; ancestors are not recorded, since a long run would never forget them."""
+        genome_config.innovation_tracker = self.innovation_tracker
+        population = {}
+        for _ in range(num_genomes):
+            key = next(self.genome_indexer)
+            population[key] = genome_type(key)
+            population[key].configure_new(genome_config)
+        return population
+
+    def reproduce(self, config: Any, species: BitSpeciesSet, pop_size: int, generation: int) -> dict[int, BitGenome]:
+        """The next generation: exactly ``pop_size`` genomes, the elites under their old keys."""
+        settings = self.reproduction_config
+        config.genome_config.innovation_tracker = self.innovation_tracker
+        self.innovation_tracker.reset_generation()
+        groups = [group for _, group, _ in self.stagnation.update(species, generation)]
+        for group in groups:
+            group.adjusted_fitness = sum(m.fitness for m in group.members.values()) / len(group.members)
+        groups = _fitting(groups, settings.min_species_size, pop_size)
+        everyone = sorted((m for group in groups for m in group.members.values()), key=_by_fitness)
+        elites = everyone[: min(max(1, round(settings.elitism * pop_size)), pop_size - 1)]
+        wanted = pop_size - len(elites)
+        sizes = _shares(groups, wanted, settings.min_species_size)
+        population = {elite.key: elite for elite in elites}
+        for group, size in zip(groups, sizes, strict=True):
+            members = sorted(group.members.values(), key=_by_fitness)
+            parents = members[: max(1, round(settings.survival_threshold * len(members)))]
+            for _ in range(size):
+                child = self._child(config, parents, everyone)
+                population[child.key] = child
+        species.species = {group.key: group for group in groups}
+        return population
+
+    def _child(self, config: Any, parents: list[BitGenome], everyone: list[BitGenome]) -> BitGenome:
+        settings = self.reproduction_config
+        child: BitGenome = config.genome_type(next(self.genome_indexer))
+        parent = self._pick(parents)
+        if random.random() < settings.crossover:
+            # Now and then across species, so that they are not islands for ever.
+            mate = self._pick(everyone[: len(parents)] if random.random() < 0.2 else parents)
+            child.configure_crossover(parent, mate, config.genome_config)
+        else:
+            child.configure_clone(parent)
+        for _ in range(3):
+            child.mutate(config.genome_config)
+            if not same_network(child, parent):
+                break
+        return child
+
+    def _pick(self, candidates: list[BitGenome]) -> BitGenome:
+        """The best of a few drawn; candidates are sorted, best first."""
+        draws = (random.randrange(len(candidates)) for _ in range(self.reproduction_config.tournament))
+        return candidates[min(draws)]
+
+
+def _by_fitness(genome: BitGenome) -> tuple[float, int]:
+    """Best first; the older of equals first."""
+    assert genome.fitness is not None
+    return -genome.fitness, genome.key
+
+
+def _fitting(groups: list[Species], min_size: int, pop_size: int) -> list[Species]:
+    """As many species as can have their least size in half the population, the best by their best member."""
+    room = max(1, pop_size // (2 * min_size))
+    best_first = sorted(groups, key=lambda group: (min(_by_fitness(m) for m in group.members.values()), group.key))
+    return sorted(best_first[:room], key=lambda group: int(group.key))
+
+
+def _shares(groups: list[Species], wanted: int, min_size: int) -> list[int]:
+    """``wanted`` children split in proportion to adjusted fitness by largest remainders, each at least ``min_size`` if it fits."""
+    least = min(min_size, wanted // len(groups))
+    spare = wanted - least * len(groups)
+    total = sum(group.adjusted_fitness for group in groups)
+    exact = [spare * (group.adjusted_fitness / total if total > 0 else 1 / len(groups)) for group in groups]
+    sizes = [int(share) for share in exact]
+    remainders = sorted(range(len(groups)), key=lambda i: (sizes[i] - exact[i], i))
+    for index in remainders[: spare - sum(sizes)]:
+        sizes[index] += 1
+    return [least + size for size in sizes]

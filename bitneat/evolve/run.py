@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: MIT
+"""A run on disk: its folder, checkpoints, and the loop that carries a search to its end.
+
+Every file is written whole or not at all. What a resumed run needs is in ``run.json`` (what was asked for) and in the last
+checkpoint (where the search stood); both are plain JSON, so that a run folder from a stranger can execute nothing.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import platform
+import re
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from bitneat.champion import Champion, EnvironmentSpec, environment_from_data, save_json, save_pickle
+from bitneat.errors import BitneatError
+from bitneat.evolve.config import Config, parse
+from bitneat.evolve.evaluation import Evaluator
+from bitneat.evolve.progress import Progress
+from bitneat.evolve.randomness import REPORT_START, SELECTION_START
+from bitneat.evolve.search import Candidate, Generation, Score, Search
+from bitneat.files import read_capped, write_atomic, write_json
+from bitneat.sim.environment import EnvironmentInfo
+from bitneat.version import __version__
+
+FORMAT = "bitneat-run"
+CHECKPOINT_FORMAT = "bitneat-checkpoint"
+VERSION = 1
+CHECKPOINTS_KEPT = 2
+MAX_CHECKPOINT_BYTES = 1 << 30
+
+_CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What was asked for: everything that decides the result, and the time limit, which may cut it short."""
+
+    environment: EnvironmentSpec
+    config: Config
+    seed: int
+    seconds: float | None = None
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data; the configuration has its own file."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "environment": self.environment.to_data(),
+            "seed": self.seed,
+            "seconds": self.seconds,
+        }
+
+
+class RunFolder:
+    """The files of a run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def champion_pickle(self) -> Path:
+        """``champion.pkl``."""
+        return self.path / "champion.pkl"
+
+    def create(self, settings: RunSettings) -> None:
+        """Make the folder and write what was asked for.
+
+        Raises:
+            BitneatError: if there is a run already, or the folder cannot be written.
+        """
+        if (self.path / "run.json").exists():
+            raise BitneatError(
+                f"{self.path}: holds a run already; continue it with --resume {self.path}, or give another -o"
+            )
+        try:
+            (self.path / "checkpoints").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BitneatError(f"{self.path}: cannot be made: {error.strerror or error}") from None
+        self.save_settings(settings)
+
+    def save_settings(self, settings: RunSettings) -> None:
+        """Write the configuration and ``run.json``, which comes last and makes the folder a run."""
+        write_atomic(self.path / "config.ini", settings.config.text.encode())
+        write_json(self.path / "run.json", settings.to_data())
+
+    def settings(self) -> RunSettings:
+        """What was asked for.
+
+        Raises:
+            BitneatError: if the folder holds no run, or a damaged one.
+        """
+        if not (self.path / "run.json").exists():
+            raise BitneatError(f"--resume {self.path}: holds no run: run.json is missing")
+        data = _json(self.path / "run.json", FORMAT)
+        config = parse(
+            read_capped(self.path / "config.ini", 1 << 20).decode("utf-8", "replace"), str(self.path / "config.ini")
+        )
+        try:
+            spec = environment_from_data(data["environment"])
+            seed, seconds = data["seed"], data["seconds"]
+        except (KeyError, BitneatError) as error:
+            raise BitneatError(f"{self.path / 'run.json'}: damaged: {error}") from None
+        if type(seed) is not int or not (seconds is None or isinstance(seconds, (int, float))):
+            raise BitneatError(f"{self.path / 'run.json'}: damaged: seed or seconds is no number")
+        return RunSettings(spec, config, seed, seconds)
+
+    def save_checkpoint(self, search: Search) -> None:
+        """Write the checkpoint of the generations completed, then drop all but the last two."""
+        state = {"format": CHECKPOINT_FORMAT, "version": VERSION, "bitneat": __version__, "search": search.to_data()}
+        text = json.dumps(state, separators=(",", ":"), allow_nan=True)
+        folder = self.path / "checkpoints"
+        write_atomic(folder / f"generation-{search.generation:06d}.json", text.encode())
+        for _, old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
+            old.unlink(missing_ok=True)
+
+    def restore(self, search: Search) -> None:
+        """Bring the search to the last checkpoint; without one it starts at the beginning.
+
+        Raises:
+            BitneatError: if the checkpoint is damaged or from a newer bitneat.
+        """
+        checkpoints = self._checkpoints()
+        if not checkpoints:
+            return
+        path = checkpoints[-1][1]
+        data = _json(path, CHECKPOINT_FORMAT)
+        try:
+            search.restore(data["search"])
+        except (KeyError, TypeError, ValueError, IndexError, AssertionError, BitneatError) as error:
+            raise BitneatError(f"{path}: damaged: {type(error).__name__}: {error}") from None
+
+    def save_history(self, search: Search) -> None:
+        """Write ``history.csv``, a row a generation."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow([field.name for field in fields(Generation)])
+        writer.writerows(vars(row).values() for row in search.history)
+        write_atomic(self.path / "history.csv", out.getvalue().encode())
+
+    def save_champion(self, champion: Champion) -> None:
+        """Write ``champion.pkl`` and ``champion.json``."""
+        save_json(champion, self.path / "champion.json")
+        save_pickle(champion, self.champion_pickle)
+
+    def _checkpoints(self) -> list[tuple[int, Path]]:
+        folder = self.path / "checkpoints"
+        if not folder.is_dir():
+            return []
+        found = [(match, entry) for entry in folder.iterdir() if (match := _CHECKPOINT_NAME.fullmatch(entry.name))]
+        return sorted((int(match[1]), entry) for match, entry in found)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    champion: Champion
+    score: Score
+    candidate: Candidate
+    finished: bool
+    """False if the time limit cut it short."""
+
+
+def carry_on(
+    folder: RunFolder, settings: RunSettings, info: EnvironmentInfo, evaluator: Evaluator, progress: Progress
+) -> Outcome:
+    """Take a run from its last checkpoint, or from the start, to its end.
+
+    The champion and the score depend on the settings alone, whatever the evaluator's workers and however often the run was
+    stopped, unless a time limit cuts it short.
+    """
+    started = time.monotonic()
+    search = Search(settings.config, settings.environment, info, settings.seed)
+    folder.restore(search)
+    generations = settings.config["evolve"]["generations"]
+    progress.start(search, generations, settings.seconds)
+    best: Candidate | None = None
+    out_of_time = False
+    while search.generation < generations and not out_of_time:
+        row = search.advance(evaluator)
+        folder.save_checkpoint(search)
+        folder.save_history(search)
+        if search.candidates[0] is not best:
+            best = search.candidates[0]
+            folder.save_champion(_champion(settings, info, search, best, None))
+        progress.generation(row, best)
+        out_of_time = settings.seconds is not None and time.monotonic() - started > settings.seconds
+    if not search.candidates:
+        raise BitneatError("no champion: the run has 0 generations")
+    progress.choosing()
+    candidate = search.finalists(evaluator)[0]
+    score = search.report(evaluator, candidate.controller)
+    champion = _champion(settings, info, search, candidate, score)
+    folder.save_champion(champion)
+    write_json(folder.path / "report.json", dict(champion.provenance))
+    return Outcome(champion, score, candidate, finished=search.generation >= generations)
+
+
+def _champion(
+    settings: RunSettings, info: EnvironmentInfo, search: Search, candidate: Candidate, score: Score | None
+) -> Champion:
+    """Nothing in a champion depends on clock, machine, folder or workers."""
+    selection = Score(
+        len(candidate.rewards), candidate.mean, _std(candidate.rewards), min(candidate.rewards), max(candidate.rewards)
+    )
+    provenance = {
+        "tool": f"bitneat {__version__}",
+        "packages": _packages(),
+        "config": settings.config.text,
+        "seed": settings.seed,
+        "generation": candidate.generation,
+        "generations": search.generation,
+        "selection": {**selection.to_data(), "first_seed": SELECTION_START},
+        "held_out": None if score is None else {**score.to_data(), "first_seed": REPORT_START},
+        "reproducible": settings.seconds is None,
+        "max_steps": search.max_steps,
+    }
+    return Champion(candidate.controller, info.action, settings.environment, provenance)
+
+
+def _std(values: tuple[float, ...]) -> float:
+    import statistics
+
+    return statistics.pstdev(values)
+
+
+def _packages() -> dict[str, str]:
+    versions = {"python": ".".join(platform.python_version_tuple()[:2])}
+    for name in ("neat-python", "gymnasium", "numpy", "box2d", "box2d-py"):
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def _json(path: Path, expected_format: str) -> Mapping[str, Any]:
+    try:
+        data = json.loads(read_capped(path, MAX_CHECKPOINT_BYTES))
+    except (ValueError, RecursionError):
+        raise BitneatError(f"{path}: damaged: not JSON") from None
+    if not isinstance(data, dict) or data.get("format") != expected_format:
+        raise BitneatError(f"{path}: expected 'format': {expected_format!r}")
+    if data.get("version") != VERSION:
+        raise BitneatError(f"{path}: version {data.get('version')!r:.40}: this bitneat reads {VERSION}")
+    return data

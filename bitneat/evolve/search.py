@@ -1,0 +1,389 @@
+# SPDX-License-Identifier: MIT
+"""The search: generations of a race, ranked selection and reproduction, and the choice of a champion."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from neat.population import Population
+
+from bitneat.champion import EnvironmentSpec
+from bitneat.controller import Controller, Input
+from bitneat.errors import BitneatError
+from bitneat.evolve.config import Config
+from bitneat.evolve.evaluation import Evaluator
+from bitneat.evolve.genome import BitGenome, BitGenomeConfig, Indexer, genome_from_data, genome_to_data
+from bitneat.evolve.lowering import lower
+from bitneat.evolve.randomness import Streams, report_seeds, selection_seeds
+from bitneat.evolve.reproduction import BitReproduction, BitSpeciesSet, NoStagnation, Settings
+from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, Shaping, default_inputs
+
+
+@dataclass(frozen=True)
+class Score:
+    """Official rewards of a controller over some episodes."""
+
+    episodes: int
+    mean: float
+    std: float
+    min: float
+    max: float
+
+    @classmethod
+    def of(cls, episodes: Sequence[EpisodeResult]) -> Score:
+        """The score of episodes that ran without shaping."""
+        rewards = [episode.reward for episode in episodes]
+        return cls(len(rewards), statistics.fmean(rewards), statistics.pstdev(rewards), min(rewards), max(rewards))
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"episodes": self.episodes, "mean": self.mean, "std": self.std, "min": self.min, "max": self.max}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A controller that once led a generation, with its official rewards on the first selection seeds."""
+
+    controller: Controller
+    generation: int
+    rewards: tuple[float, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean official reward on the selection seeds."""
+        return statistics.fmean(self.rewards)
+
+    def order(self) -> tuple[float, int, str]:
+        """Sorts the best first; of equals the smaller."""
+        return -self.mean, self.controller.num_links, self.controller.sha256
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "controller": self.controller.to_data(),
+            "generation": self.generation,
+            "rewards": list(self.rewards),
+        }
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Candidate:
+        """Read what `to_data` wrote."""
+        return cls(Controller.from_data(data["controller"]), data["generation"], tuple(data["rewards"]))
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What happened in one generation; a row of history.csv."""
+
+    generation: int
+    best: float
+    mean: float
+    selection: float
+    species: int
+    best_nodes: int
+    best_links: int
+    mean_links: float
+    duplicates: int
+    episodes: int
+    steps: int
+
+
+@dataclass
+class _Entrant:
+    """A controller in the race, shared by all genomes that lower to it."""
+
+    controller: Controller
+    genome: BitGenome
+    episodes: list[EpisodeResult]
+    stage: int = 0
+    score: float = -math.inf
+
+
+class Search:
+    """The state of a run, and how it goes on by a generation.
+
+    Args:
+        config: the configuration.
+        spec: the environment.
+        info: what `inspect` says of it.
+        seed: of all randomness.
+    """
+
+    def __init__(self, config: Config, spec: EnvironmentSpec, info: EnvironmentInfo, seed: int) -> None:
+        self.config = config
+        self.spec = spec
+        self.info = info
+        self.seed = seed
+        self.inputs = _inputs(config, info)
+        self.max_steps = episode_limit(config, spec, info)
+        self.streams = Streams(seed)
+        self.history: list[Generation] = []
+        self.candidates: list[Candidate] = []
+        self._evaluator: Evaluator | None = None
+        self._previous_keys: set[int] = set()
+        self._neat_config = _neat_config(config, info)
+        with self.streams.neat():
+            self.population = Population(self._neat_config)
+
+    @property
+    def generation(self) -> int:
+        """Generations completed."""
+        return int(self.population.generation)
+
+    @property
+    def frac_bits(self) -> int:
+        """F of every controller in this run."""
+        return int(self.config["evolve"]["frac_bits"])
+
+    def advance(self, evaluator: Evaluator) -> Generation:
+        """Run one generation and breed the next."""
+        self._evaluator = evaluator
+        keys = set(self.population.population)
+        with self.streams.neat():
+            self.population.run(self._assign_fitness, 1)
+        self._previous_keys = keys
+        return self.history[-1]
+
+    def lower(self, genome: BitGenome) -> Controller:
+        """The controller of a genome of this run."""
+        return lower(genome, self.inputs, self.info.action.num_outputs, self.frac_bits)
+
+    def finalists(self, evaluator: Evaluator) -> list[Candidate]:
+        """The best candidates on all selection seeds, the champion first."""
+        seeds = selection_seeds(
+            max(self.config["evolve"]["final_episodes"], self.config["evolve"]["selection_episodes"])
+        )
+        finals = []
+        for candidate in self.candidates[: self.config["evolve"]["finalists"]]:
+            rest = seeds[len(candidate.rewards) :]
+            more = evaluator.evaluate([candidate.controller], rest)[0] if rest else []
+            rewards = (*candidate.rewards, *(episode.reward for episode in more))
+            finals.append(Candidate(candidate.controller, candidate.generation, rewards))
+        return sorted(finals, key=Candidate.order)
+
+    def report(self, evaluator: Evaluator, controller: Controller) -> Score:
+        """The score of a controller on the report seeds, which nothing was chosen on."""
+        return Score.of(evaluator.evaluate([controller], report_seeds(self.config["evolve"]["report_episodes"]))[0])
+
+    def shaping(self) -> Shaping:
+        """How the search's reward differs from the official one in the present generation."""
+        settings = self.config["evolve"]
+        start, end = settings["fall_ramp_start"], settings["fall_ramp_end"]
+        done = (self.generation - start) / (end - start) if end > start else float(self.generation >= end)
+        done = min(max(done, 0.0), 1.0)
+        return Shaping(
+            fall_reward=settings["fall_reward"],
+            fall_value=settings["fall_value_start"]
+            + done * (settings["fall_value_end"] - settings["fall_value_start"]),
+            finish_bonus=settings["finish_bonus"],
+            stall_steps=settings["stall_steps"],
+            stall_gain=settings["stall_gain"],
+        )
+
+    def _assign_fitness(self, genomes: list[tuple[int, BitGenome]], neat_config: Any) -> None:
+        del neat_config
+        with self.streams.aside():
+            self._rank(genomes)
+
+    def _rank(self, genomes: list[tuple[int, BitGenome]]) -> None:
+        assert self._evaluator is not None
+        entrants: dict[str, _Entrant] = {}
+        for _, genome in genomes:
+            controller = self.lower(genome)
+            entrants.setdefault(controller.sha256, _Entrant(controller, genome, []))
+        ranked = self._race(list(entrants.values()), self._evaluator)
+        for rank, entrant in enumerate(ranked):
+            entrant.genome.fitness = 1.0 - rank / max(len(ranked) - 1, 1)
+        first = {entrant.genome.key for entrant in ranked}
+        for key, genome in genomes:
+            if key not in first:  # a duplicate adds nothing to the next generation
+                genome.fitness = 0.0
+        self._consider(ranked, self._evaluator)
+        self._record(ranked, len(genomes) - len(ranked))
+
+    def _race(self, entrants: list[_Entrant], evaluator: Evaluator) -> list[_Entrant]:
+        """All run the first stage, the best fraction the second, and so on; the elites of last time run them all."""
+        settings = self.config["evolve"]
+        seeds = self.streams.search_seeds(settings["race_episodes"][-1])
+        shaping = self.shaping()
+        active, done = entrants, 0
+        for stage, (episodes, fraction) in enumerate(
+            zip(settings["race_episodes"], settings["race_fractions"], strict=True), start=1
+        ):
+            if stage > 1:
+                keep = max(1, round(fraction * len(entrants)))
+                best = sorted(active, key=_by_score)
+                active = [e for i, e in enumerate(best) if i < keep or e.genome.key in self._previous_keys]
+            results = evaluator.evaluate([e.controller for e in active], seeds[done:episodes], shaping)
+            for entrant, more in zip(active, results, strict=True):
+                entrant.episodes.extend(more)
+                entrant.stage = stage
+                entrant.score = _robust_mean([e.shaped for e in entrant.episodes], settings["risk"])
+            done = episodes
+        ranked = sorted(entrants, key=_by_score)
+        if self.streams.pressure() < settings["size_pressure"]:
+            last = [e for e in ranked if e.stage == ranked[0].stage]
+            ranked = _by_fronts(last) + ranked[len(last) :]
+        return ranked
+
+    def _consider(self, ranked: list[_Entrant], evaluator: Evaluator) -> None:
+        """Try the generation's best by official reward on the selection seeds, and keep it if it is among the best so far."""
+        last = [e for e in ranked if e.stage == ranked[0].stage]
+        leader = max(last, key=lambda e: statistics.fmean(episode.reward for episode in e.episodes))
+        if any(c.controller.sha256 == leader.controller.sha256 for c in self.candidates):
+            return
+        seeds = selection_seeds(self.config["evolve"]["selection_episodes"])
+        episodes = evaluator.evaluate([leader.controller], seeds)[0]
+        rewards = tuple(episode.reward for episode in episodes)
+        self.candidates.append(Candidate(leader.controller, self.generation, rewards))
+        self.candidates.sort(key=Candidate.order)
+        del self.candidates[2 * self.config["evolve"]["finalists"] :]
+
+    def _record(self, ranked: list[_Entrant], duplicates: int) -> None:
+        leader = ranked[0]
+        episodes = [episode for entrant in ranked for episode in entrant.episodes]
+        self.history.append(
+            Generation(
+                generation=self.generation,
+                best=max(e.score for e in ranked if e.stage == leader.stage),
+                mean=statistics.fmean(e.episodes[0].shaped for e in ranked),
+                selection=self.candidates[0].mean,
+                species=len(self.population.species.species),
+                best_nodes=len(leader.controller.nodes),
+                best_links=leader.controller.num_links,
+                mean_links=statistics.fmean(e.controller.num_links for e in ranked),
+                duplicates=duplicates,
+                episodes=len(episodes),
+                steps=sum(episode.steps for episode in episodes),
+            )
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything a checkpoint needs, as plain data."""
+        species_set: BitSpeciesSet = self.population.species
+        reproduction: BitReproduction = self.population.reproduction
+        return {
+            "generation": self.generation,
+            "population": [genome_to_data(genome) for genome in self.population.population.values()],
+            "previous_keys": sorted(self._previous_keys),
+            "species": [
+                [key, group.created, group.representative.key, list(group.members)]
+                for key, group in species_set.species.items()
+            ],
+            "threshold": species_set.threshold,
+            "next_species": species_set.indexer.value,
+            "next_genome": reproduction.genome_indexer.value,
+            "next_node": self._neat_config.genome_config.node_indexer.value,
+            "innovations": reproduction.innovation_tracker.global_counter,
+            "streams": self.streams.to_data(),
+            "candidates": [candidate.to_data() for candidate in self.candidates],
+            "history": [list(vars(row).values()) for row in self.history],
+        }
+
+    def restore(self, data: Mapping[str, Any]) -> None:
+        """Continue where `to_data` was taken."""
+        from neat.species import Species
+
+        population = {genome.key: genome for genome in map(genome_from_data, data["population"])}
+        species_set: BitSpeciesSet = self.population.species
+        species_set.species = {}
+        species_set.genome_to_species = {}
+        for key, created, representative, members in data["species"]:
+            group = Species(key, created)
+            group.update(population[representative], {member: population[member] for member in members})
+            species_set.species[key] = group
+            species_set.genome_to_species.update(dict.fromkeys(members, key))
+        species_set.threshold = data["threshold"]
+        species_set.indexer = Indexer(data["next_species"])
+        self.population.population = population
+        self.population.generation = data["generation"]
+        self.population.reproduction.genome_indexer = Indexer(data["next_genome"])
+        self.population.reproduction.innovation_tracker.global_counter = data["innovations"]
+        self._neat_config.genome_config.node_indexer = Indexer(data["next_node"])
+        self._previous_keys = set(data["previous_keys"])
+        self.streams.restore(data["streams"])
+        self.candidates = [Candidate.from_data(entry) for entry in data["candidates"]]
+        self.history = [Generation(*row) for row in data["history"]]
+
+
+def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) -> int:
+    """The time limit of an episode.
+
+    Raises:
+        BitneatError: if neither the configuration nor the environment has one.
+    """
+    limits = [limit for limit in (config["evolve"]["max_steps"], info.max_steps) if limit]
+    if not limits:
+        raise BitneatError(f"environment {spec.id}: has no time limit; set [evolve] max_steps in the configuration")
+    return int(min(limits))
+
+
+def _inputs(config: Config, info: EnvironmentInfo) -> tuple[Input, ...]:
+    settings = config["evolve"]
+    scales = _spread(settings["input_scales"], info.num_inputs, "input_scales")
+    limits = _spread(settings["input_limits"], info.num_inputs, "input_limits")
+    inputs = default_inputs(info, settings["frac_bits"], scales)
+    if limits is None:
+        return inputs
+    return tuple(Input(entry.scale, limit) for entry, limit in zip(inputs, limits, strict=True))
+
+
+def _spread(values: tuple[int, ...], count: int, key: str) -> tuple[int, ...] | None:
+    """One value for all inputs, or one for each; None if the configuration leaves them to us."""
+    if not values:
+        return None
+    if len(values) not in (1, count):
+        raise BitneatError(f"configuration: [evolve] {key}: expected 1 or {count} integers, got {len(values)}")
+    return values if len(values) == count else values * count
+
+
+def _neat_config(config: Config, info: EnvironmentInfo) -> Any:
+    """What neat-python's classes expect of a configuration; its own reader is not used, see `bitneat.evolve.config`."""
+    return SimpleNamespace(
+        genome_type=BitGenome,
+        genome_config=BitGenomeConfig(dict(config["BitGenome"]), info.num_inputs, info.action.num_outputs),
+        reproduction_type=BitReproduction,
+        reproduction_config=Settings(config["BitReproduction"]),
+        species_set_type=BitSpeciesSet,
+        species_set_config=Settings(config["BitSpeciesSet"]),
+        stagnation_type=NoStagnation,
+        stagnation_config=None,
+        pop_size=config["NEAT"]["pop_size"],
+        fitness_criterion="max",
+        fitness_threshold=math.inf,
+        no_fitness_termination=True,
+        reset_on_extinction=False,
+        seed=None,
+    )
+
+
+def _by_score(entrant: _Entrant) -> tuple[int, float, int, int]:
+    """Furthest in the race first, then the best score; of equals the smaller, then the older."""
+    return -entrant.stage, -entrant.score, entrant.controller.num_links, entrant.genome.key
+
+
+def _by_fronts(entrants: Iterable[_Entrant]) -> list[_Entrant]:
+    """Sorted by Pareto front over score and number of links, and by score within a front."""
+    remaining = sorted(entrants, key=_by_score)
+    ordered: list[_Entrant] = []
+    while remaining:
+        front, rest, fewest = [], [], math.inf
+        for entrant in remaining:  # best score first: on the front iff smaller than all before
+            if entrant.controller.num_links < fewest:
+                front.append(entrant)
+                fewest = entrant.controller.num_links
+            else:
+                rest.append(entrant)
+        ordered.extend(front)
+        remaining = rest
+    return ordered
+
+
+def _robust_mean(rewards: Sequence[float], risk: float) -> float:
+    mean = statistics.fmean(rewards)
+    return mean - risk * statistics.pstdev(rewards) if risk else mean

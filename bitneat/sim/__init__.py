@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Simulators: Gymnasium environments, and episodes of a controller in them."""

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: MIT
+"""Gymnasium environments, and episodes of a controller in them.
+
+An episode always runs in a *fresh* environment. Box2D keeps its broad phase from one reset to the next, so that the same seed
+gives other rewards after other episodes (35 of 40 seeds of BipedalWalker-v3 differ); without a fresh environment no result
+could be independent of how episodes are spread over workers.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from bitneat.champion import EnvironmentSpec
+from bitneat.controller import Action, BoxAction, Controller, DiscreteAction, Input
+from bitneat.errors import BitneatError
+
+__all__ = [
+    "EnvironmentInfo",
+    "EnvironmentSpec",
+    "EpisodeResult",
+    "EpisodeRunner",
+    "Shaping",
+    "StepController",
+    "default_inputs",
+    "inspect",
+    "make",
+]
+
+Int16Array = npt.NDArray[np.int16]
+
+
+class EnvironmentError_(BitneatError):  # noqa: N801 - EnvironmentError is a built-in name
+    """An environment is unknown, cannot be made, or has spaces that a controller cannot serve."""
+
+
+class StepController(Protocol):
+    """Anything that computes what a controller computes."""
+
+    def reset(self) -> None:
+        """Forget the past."""
+
+    def step(self, inputs: Int16Array) -> Any:
+        """One control step: (num_inputs,) signals to (num_outputs,) signals."""
+
+
+@dataclass(frozen=True)
+class EnvironmentInfo:
+    """What a controller needs to know of an environment: flat bounds of the observation, the action, the time limit."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    action: Action
+    max_steps: int | None
+
+    @property
+    def num_inputs(self) -> int:
+        """Components of the flattened observation."""
+        return len(self.low)
+
+
+@dataclass(frozen=True)
+class Shaping:
+    """How the search's reward differs from the official one. The defaults change nothing.
+
+    A terminal step whose reward is exactly ``fall_reward`` is a fall and counts ``fall_value`` instead. Ending in any other
+    way adds ``finish_bonus`` times the part of the time limit that was left. An episode stops when for ``stall_steps`` steps
+    the total has not risen by ``stall_gain``.
+    """
+
+    fall_reward: float = math.nan
+    fall_value: float = 0.0
+    finish_bonus: float = 0.0
+    stall_steps: int = 0
+    stall_gain: float = 0.0
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode: the official reward, the search's reward, and how it ended."""
+
+    reward: float
+    shaped: float
+    steps: int
+    terminated: bool
+    stalled: bool
+
+
+def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
+    """A new environment, without Gymnasium's passive checker, which alters no result.
+
+    Raises:
+        BitneatError: if the id is unknown, an argument is wrong, or a dependency is missing.
+    """
+    for module in spec.imports:
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise EnvironmentError_(f"--import {module}: {error}") from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return gymnasium.make(spec.id, disable_env_checker=True, **spec.kwargs)
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise EnvironmentError_(f"environment {spec.id}: a dependency is missing: {_one_line(error)}") from None
+    except (gymnasium.error.Error, ImportError, TypeError, ValueError, AssertionError) as error:
+        raise EnvironmentError_(f"environment {spec.id}: {_one_line(error)}") from None
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def inspect(spec: EnvironmentSpec) -> EnvironmentInfo:
+    """Make the environment once and read its spaces.
+
+    Raises:
+        BitneatError: if the observation is not a Box of at most one axis (an image of any size is refused) or the action is
+            neither a bounded Box nor Discrete.
+    """
+    environment = make(spec)
+    try:
+        low, high = _observation_bounds(spec, environment.observation_space)
+        action = _action(spec, environment.action_space)
+        limit = environment.spec.max_episode_steps if environment.spec is not None else None
+        return EnvironmentInfo(low, high, action, limit)
+    finally:
+        environment.close()
+
+
+def _observation_bounds(spec: EnvironmentSpec, space: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    where = f"environment {spec.id}: its observation is"
+    if not isinstance(space, gymnasium.spaces.Box):
+        raise EnvironmentError_(f"{where} a {type(space).__name__} space, expected a Box")
+    if space.dtype is not None and space.dtype == np.uint8 and len(space.shape) > 1:
+        raise EnvironmentError_(f"{where} an image of shape {space.shape}, expected a Box of numbers")
+    if space.dtype is None or space.dtype.kind not in "fiub":
+        raise EnvironmentError_(f"{where} a Box of {space.dtype}, expected numbers")
+    if math.prod(space.shape) < 1:
+        raise EnvironmentError_(f"{where} an empty Box")
+    return (
+        tuple(float(v) for v in space.low.reshape(-1)),
+        tuple(float(v) for v in space.high.reshape(-1)),
+    )
+
+
+def _action(spec: EnvironmentSpec, space: Any) -> Action:
+    where = f"environment {spec.id}: its action is"
+    if isinstance(space, gymnasium.spaces.Discrete):
+        return DiscreteAction(int(space.n), int(space.start))
+    if not isinstance(space, gymnasium.spaces.Box):
+        raise EnvironmentError_(f"{where} a {type(space).__name__} space, expected a bounded Box or Discrete")
+    if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
+        raise EnvironmentError_(f"{where} an unbounded Box, expected finite bounds")
+    return BoxAction(
+        tuple(float(v) for v in space.low.reshape(-1)),
+        tuple(float(v) for v in space.high.reshape(-1)),
+        tuple(int(n) for n in space.shape),
+        np.dtype(space.dtype).name,
+    )
+
+
+def default_inputs(info: EnvironmentInfo, frac_bits: int, scales: tuple[int, ...] | None = None) -> tuple[Input, ...]:
+    """Scales and limits from the declared bounds of the observation.
+
+    Without given ``scales``, an input whose bound is below one half is scaled up to between a half and one, and one whose bound
+    exceeds the range of a signal is scaled down to fit. An input with an infinite bound keeps the limit 32767.
+    """
+    inputs = []
+    for index, (low, high) in enumerate(zip(info.low, info.high, strict=True)):
+        bound = max(abs(low), abs(high))
+        scale = _scale_for(bound, frac_bits) if scales is None else scales[index]
+        limit = 32767
+        if math.isfinite(bound):
+            limit = int(min(max(math.ceil(math.ldexp(bound, frac_bits + scale)), 1), 32767))
+        inputs.append(Input(scale, limit))
+    return tuple(inputs)
+
+
+def _scale_for(bound: float, frac_bits: int) -> int:
+    # Bounds near the largest float stand for "any number": they say nothing of the values to expect.
+    if not 0.0 < bound < 1e30:
+        return 0
+    exponent = math.ceil(math.log2(bound))  # bound <= 2^exponent
+    if exponent < 0:
+        return min(-exponent, 15)
+    return max(min(0, 15 - frac_bits - exponent), -16)
+
+
+class EpisodeRunner:
+    """Runs episodes of one controller; the codecs' tables are built once.
+
+    Args:
+        spec: the environment.
+        controller: whose encoder and decoder to use.
+        action: the action space.
+        policy: computes the controller's steps; its outputs are those of ``controller``.
+    """
+
+    def __init__(self, spec: EnvironmentSpec, controller: Controller, action: Action, policy: StepController) -> None:
+        self._spec = spec
+        self._policy = policy
+        self._factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
+        self._limit = np.array([float(i.limit) for i in controller.inputs])
+        self._negative_limit = -self._limit
+        self._decode = _decoder(action, controller.frac_bits)
+
+    def __call__(self, seed: int, max_steps: int, shaping: Shaping | None = None) -> EpisodeResult:
+        """One episode in a fresh environment; stops at the environment's end or after ``max_steps`` steps.
+
+        Raises:
+            BitneatError: if an observation holds a NaN.
+        """
+        environment = make(self._spec)
+        try:
+            with np.errstate(over="ignore"):
+                return self._run(environment, seed, max_steps, shaping or Shaping())
+        finally:
+            environment.close()
+
+    def _run(self, environment: gymnasium.Env[Any, Any], seed: int, max_steps: int, shaping: Shaping) -> EpisodeResult:
+        factor, limit, negative_limit = self._factor, self._limit, self._negative_limit
+        encoded = np.empty(factor.shape)
+        signals = np.empty(factor.shape, dtype=np.int16)
+        environment_step, policy_step, decode = environment.step, self._policy.step, self._decode
+        stall_steps = shaping.stall_steps or max_steps
+        total = best = last = 0.0
+        best_step = steps = 0
+        terminated = truncated = stalled = False
+        self._policy.reset()
+        observation, _ = environment.reset(seed=seed)
+        flat = np.ndim(observation) != 1
+        while not (terminated or truncated) and steps < max_steps:
+            if flat:
+                observation = np.reshape(observation, -1)
+            # The encoder of docs/semantics.md without its temporaries; tests hold the two together.
+            np.multiply(observation, factor, out=encoded)
+            np.rint(encoded, out=encoded)
+            np.minimum(encoded, limit, out=encoded)
+            np.maximum(encoded, negative_limit, out=encoded)
+            checksum = encoded.dot(encoded)
+            if checksum != checksum:
+                raise EnvironmentError_(f"environment {self._spec.id}: observation {steps} of seed {seed} holds a NaN")
+            signals[:] = encoded
+            observation, reward, terminated, truncated, _ = environment_step(decode(policy_step(signals)))
+            last = float(reward)
+            total += last
+            steps += 1
+            if total > best + shaping.stall_gain:
+                best, best_step = total, steps
+            elif steps - best_step >= stall_steps:
+                stalled = True
+                break
+        shaped = total
+        if terminated and last == shaping.fall_reward:
+            shaped += shaping.fall_value - last
+        elif terminated:
+            shaped += shaping.finish_bonus * (1.0 - steps / max_steps)
+        return EpisodeResult(total, shaped, steps, bool(terminated), stalled)
+
+
+def _decoder(action: Action, frac_bits: int) -> Any:
+    """`Action.decode` as a table: outputs beyond ±One decode as ±One does, so 2^(F+1)+1 rows hold every action."""
+    if isinstance(action, DiscreteAction):
+        start = action.start
+        return lambda outputs: start + int(np.argmax(outputs))
+    one = 1 << frac_bits
+    count = action.num_outputs
+    rows = [action.decode(np.full(count, y, dtype=np.int16), frac_bits).reshape(-1) for y in range(-one, one + 1)]
+    table = np.ascontiguousarray(np.stack(rows).T).reshape(-1)
+    middle = np.arange(count, dtype=np.intp) * (2 * one + 1) + one
+    shape = None if action.shape == (count,) else action.shape
+
+    def decode(outputs: Int16Array) -> npt.NDArray[Any]:
+        picked: npt.NDArray[Any] = table[np.minimum(np.maximum(outputs, -one), one) + middle]
+        return picked if shape is None else picked.reshape(shape)
+
+    return decode
