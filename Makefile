@@ -24,7 +24,7 @@ venv: $(READY)
 $(READY): pyproject.toml
 	@echo "setting up $(VENV)"
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
 demo: $(READY)
@@ -38,7 +38,8 @@ test-long: $(READY)
 	@tools/install-debian-tools.sh
 	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
 
-C_SOURCES = $(shell find runtime_c -name '*.[ch]')
+# Not those that bitneat.codegen.runtime writes.
+C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c)
 
 check: $(READY)
 	$(BIN)/ruff check .
