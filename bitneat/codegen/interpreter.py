@@ -7,7 +7,8 @@ general interpreter of the runtime they read the open controller ``c``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from bitneat.codegen.kernels import Kernel, kernel
@@ -49,6 +50,8 @@ class InterpreterView:
     has_shifts: bool
     has_fields: bool
     field_bits: str
+    fields_byte: str
+    """The fields of a node where they have a byte of their own."""
     has_general_bias: bool
     bias_width: str
     bias_sign: str
@@ -61,6 +64,8 @@ class InterpreterView:
     rice_step: str
     count_k: str
     gap_k: str
+    locals: Mapping[str, tuple[str, ...]]
+    """Declarations before the loop over the nodes, by encoding."""
     varying_gain: bool
     fixed_gain: int
     gain: str
@@ -106,18 +111,23 @@ def general_view() -> InterpreterView:
         has_shifts=True,
         has_fields=True,
         field_bits="(unsigned)(c->activation_bits + c->gain_bits)",
+        fields_byte="",
         has_general_bias=True,
         bias_width="c->bias_width",
         bias_sign="c->bias_width == 0 ? 0 : UINT32_C(1) << (c->bias_width - 1U)",
         slot_mask="c->slot_mask",
-        sign_position="(8U * c->record_bytes - 2U)",
-        last_position="(8U * c->record_bytes - 1U)",
-        record_shift="((record >> (8U * c->record_bytes - 5U)) & (c->has_shifts ? 7U : 0U))",
+        sign_position="(record_bits - 2U)",
+        last_position="(record_bits - 1U)",
+        record_shift="((record >> (record_bits - 5U)) & (has_shifts ? 7U : 0U))",
         shift_width="(c->has_shifts ? 3U : 0U)",
-        more_record_bytes=(RecordByte(8, "c->record_bytes > 1"), RecordByte(16, "c->record_bytes > 2")),
+        more_record_bytes=(RecordByte(8, "record_bits > 8"), RecordByte(16, "record_bits > 16")),
         rice_step="(c->has_shifts ? 0U : 1U)",
         count_k="count_k",
         gap_k="gap_k",
+        locals={
+            "bytes": ("const unsigned record_bits = 8U * c->record_bytes;", "const int has_shifts = c->has_shifts;"),
+            "rice": ("const unsigned count_k = (unsigned)bn_take(&at, 3);", "const unsigned gap_k = (unsigned)bn_take(&at, 3);"),
+        },
         varying_gain=True,
         fixed_gain=0,
         gain="c->min_gain + (int)(fields >> c->activation_bits)",
@@ -132,6 +142,21 @@ def general_view() -> InterpreterView:
             Case(ACTIVATION_CODES["identity"], "sum"),
         ),
         kernels=kernels,
+    )
+
+
+def small_view() -> InterpreterView:
+    """The general interpreter's loop for one-byte records without shifts and general biases."""
+    return replace(
+        general_view(),
+        has_shifts=False,
+        has_general_bias=False,
+        fields_byte="has_fields ? bn_byte(next++) : 0U",
+        slot_mask="63U",
+        sign_position="6",
+        last_position="7",
+        more_record_bytes=(),
+        locals={"bytes": ("const int has_fields = c->activation_bits + c->gain_bits != 0;",)},
     )
 
 
@@ -156,6 +181,7 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str) -> Interpr
         has_shifts=layout.has_shifts,
         has_fields=field_bits > 0,
         field_bits=f"{field_bits}",
+        fields_byte=f"{prefix}_byte(next++)",
         has_general_bias=layout.has_general_bias,
         bias_width=f"{layout.bias_width}",
         bias_sign=f"UINT32_C({1 << layout.bias_width >> 1})",
@@ -168,6 +194,7 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str) -> Interpr
         rice_step="0U" if layout.has_shifts else "1U",
         count_k=str(blob.data[blob.body_offset] & 7) if blob.encoding == "rice" and controller.nodes else "0",
         gap_k=str(blob.data[blob.body_offset] >> 3 & 7) if blob.encoding == "rice" and controller.nodes else "0",
+        locals={},
         varying_gain=len(gains) > 1,
         fixed_gain=layout.min_gain,
         gain=f"(int)(fields >> {layout.activation_bits}) - {-layout.min_gain}"

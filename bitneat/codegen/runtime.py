@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from bitneat.codegen.interpreter import general_view
+from bitneat.codegen.interpreter import general_view, small_view
 from bitneat.codegen.templating import environment
 from bitneat.files import write_atomic
 from bitneat.native.data import runtime_dir
@@ -11,7 +11,7 @@ from bitneat.native.data import runtime_dir
 
 def render() -> str:
     """The text of ``runtime_c/src/interpreter.c``."""
-    return environment().get_template("runtime_interpreter.c.j2").render(m=general_view())
+    return environment().get_template("runtime_interpreter.c.j2").render(m=general_view(), small=small_view())
 
 
 if __name__ == "__main__":

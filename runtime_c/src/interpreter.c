@@ -11,6 +11,15 @@ static uint8_t bn_byte(const uint8_t *address)
     return *address;
 }
 
+/* x itself, of which the compiler knows nothing: so it can't turn a sum of shifts into a multiplication. */
+static uint32_t bn_opaque(uint32_t x)
+{
+#if defined(__GNUC__)
+    __asm__("" : "+r"(x));
+#endif
+    return x;
+}
+
 /* The smaller of two values that are less than 2^31 apart. */
 static uint32_t bn_min(uint32_t x, uint32_t y)
 {
@@ -57,14 +66,14 @@ static int16_t bn_signal(uint32_t x)
 static uint32_t bn_act_clamped(uint32_t u, unsigned f)
 {
     const uint32_t t2 = bn_min(u, (UINT32_C(4096) >> (12U - f)));
-    const uint32_t t4 = 0U - (UINT32_C(4096) >> (12U - f));
+    const uint32_t t4 = UINT32_C(0) - (UINT32_C(4096) >> (12U - f));
     return bn_max(t2, t4);
 }
 
 /* relu: max(u, 0) */
 static uint32_t bn_act_relu(uint32_t u)
 {
-    return bn_max(u, 0U);
+    return bn_max(u, UINT32_C(0));
 }
 
 /* abs: |u| */
@@ -78,14 +87,14 @@ static uint32_t bn_act_hat(uint32_t u, unsigned f)
 {
     const uint32_t t2 = bn_copysign(u, u);
     const uint32_t t3 = (UINT32_C(4096) >> (12U - f)) - t2;
-    return bn_max(t3, 0U);
+    return bn_max(t3, UINT32_C(0));
 }
 
 /* step: One if u > 0 else 0 */
 static uint32_t bn_act_step(uint32_t u, unsigned f)
 {
-    const uint32_t t2 = bn_max(u, 0U);
-    const uint32_t t4 = bn_min(t2, 1U);
+    const uint32_t t2 = bn_max(u, UINT32_C(0));
+    const uint32_t t4 = bn_min(t2, UINT32_C(1));
     return t4 << f;
 }
 
@@ -156,12 +165,12 @@ static uint32_t bn_act_sin(uint32_t u, unsigned f)
 {
     const uint32_t t1 = bn_copysign(u, u);
     const uint32_t t3 = bn_min(t1, (UINT32_C(49152) >> (12U - f)));
-    const uint32_t t4 = t3 << 10;
-    const uint32_t t5 = t3 << 8;
+    const uint32_t t4 = bn_opaque(t3 << 10);
+    const uint32_t t5 = bn_opaque(t3 << 8);
     const uint32_t t6 = t4 - t5;
-    const uint32_t t7 = t3 << 6;
+    const uint32_t t7 = bn_opaque(t3 << 6);
     const uint32_t t8 = t6 + t7;
-    const uint32_t t9 = t3 << 4;
+    const uint32_t t9 = bn_opaque(t3 << 4);
     const uint32_t t10 = t8 - t9;
     const uint32_t t11 = t10 - t3;
     const uint32_t t12 = t11 & ((UINT32_C(1) << (f + 9U)) - 1U);
@@ -180,7 +189,7 @@ static uint32_t bn_act_sin(uint32_t u, unsigned f)
     const uint32_t t29 = bn_min(t28, t26);
     const uint32_t t30 = bn_min(t29, (UINT32_C(4096) << (f - 4U)));
     const uint32_t t31 = t11 & (UINT32_C(1) << (f + 9U));
-    const uint32_t t33 = 0U - t31;
+    const uint32_t t33 = UINT32_C(0) - t31;
     const uint32_t t34 = t30 >> 8;
     const uint32_t t35 = bn_copysign(t34, t33);
     return bn_copysign(t35, u);
@@ -208,7 +217,7 @@ static uint32_t bn_act_gauss(uint32_t u, unsigned f)
     const uint32_t t22 = (UINT32_C(1233) >> (12U - f)) - t21;
     const uint32_t t24 = bn_max(t13, t17);
     const uint32_t t25 = bn_max(t24, t22);
-    return bn_max(t25, 0U);
+    return bn_max(t25, UINT32_C(0));
 }
 
 /* A place in the blob: a byte, and how many of its low bits have been read. */
@@ -293,6 +302,8 @@ static uint32_t bn_respond(const struct bn_controller *c, unsigned fields, uint3
 static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
 {
     struct bn_cursor at = {c->body, 0};
+    const unsigned record_bits = 8U * c->record_bytes;
+    const int has_shifts = c->has_shifts;
     int16_t *node = signals + c->first_node;
     int16_t *const end = signals + c->num_slots;
     while (node != end) {
@@ -303,16 +314,16 @@ static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
         uint32_t record;
         do {
             record = bn_byte(next++);
-            if (c->record_bytes > 1) {
+            if (record_bits > 8) {
                 record |= (uint32_t)bn_byte(next++) << 8;
             }
-            if (c->record_bytes > 2) {
+            if (record_bits > 16) {
                 record |= (uint32_t)bn_byte(next++) << 16;
             }
-            const uint32_t x = (uint32_t)(int32_t)signals[record & c->slot_mask] << ((record >> (8U * c->record_bytes - 5U)) & (c->has_shifts ? 7U : 0U));
-            const uint32_t sign = 0U - ((record >> (8U * c->record_bytes - 2U)) & 1U);
+            const uint32_t x = (uint32_t)(int32_t)signals[record & c->slot_mask] << ((record >> (record_bits - 5U)) & (has_shifts ? 7U : 0U));
+            const uint32_t sign = 0U - ((record >> (record_bits - 2U)) & 1U);
             sum += (x ^ sign) - sign;
-        } while ((record >> (8U * c->record_bytes - 1U)) == 0);
+        } while ((record >> (record_bits - 1U)) == 0);
         at.next = next;
         at.bit = 0;
         *node++ = bn_signal(bn_respond(c, fields, sum));
@@ -416,6 +427,28 @@ static void bn_nodes_trits(const struct bn_controller *c, int16_t *signals)
     }
 }
 
+/* The same for records of one byte without shifts and general biases, which is what most evolved controllers have. */
+/* Evaluates every node in order, from the slots before them. */
+static void bn_nodes_small(const struct bn_controller *c, int16_t *signals)
+{
+    const uint8_t *next = c->body;
+    const int has_fields = c->activation_bits + c->gain_bits != 0;
+    int16_t *node = signals + c->first_node;
+    int16_t *const end = signals + c->num_slots;
+    while (node != end) {
+        const unsigned fields = has_fields ? bn_byte(next++) : 0U;
+        uint32_t sum = 0;
+        uint32_t record;
+        do {
+            record = bn_byte(next++);
+            const uint32_t x = (uint32_t)(int32_t)signals[record & 63U];
+            const uint32_t sign = 0U - ((record >> 6) & 1U);
+            sum += (x ^ sign) - sign;
+        } while ((record >> 7) == 0);
+        *node++ = bn_signal(bn_respond(c, fields, sum));
+    }
+}
+
 /* The slot of an input or node. */
 static uint16_t bn_slot_of(const struct bn_controller *c, uint32_t signal)
 {
@@ -456,7 +489,11 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace)
     }
     switch (c->encoding) {
     case BN_BYTES:
-        bn_nodes_bytes(c, workspace);
+        if (c->record_bytes == 1 && !c->has_shifts && c->bias_width == 0) {
+            bn_nodes_small(c, workspace);
+        } else {
+            bn_nodes_bytes(c, workspace);
+        }
         break;
     case BN_RICE:
         bn_nodes_rice(c, workspace);

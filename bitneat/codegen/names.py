@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""Which names may prefix generated C."""
+
+from __future__ import annotations
+
+import re
+
+from bitneat.errors import BitneatError
+
+MAX_NAME_LENGTH = 40
+
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_C99_KEYWORDS = frozenset(
+    "auto break case char const continue default do double else enum extern float for goto if inline int long register"
+    " restrict return short signed sizeof static struct switch typedef union unsigned void volatile while".split()
+)
+_CXX_KEYWORDS = frozenset(
+    "alignas alignof and and_eq asm bitand bitor bool catch char8_t char16_t char32_t class co_await co_return co_yield"
+    " compl concept consteval constexpr constinit const_cast decltype delete dynamic_cast explicit export false friend"
+    " mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public reinterpret_cast"
+    " requires static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t"
+    " xor xor_eq".split()
+)
+# Prefixes whose names a C library or header may define: uint8_t, INT16_MAX, str..., mem..., E..., SIG....
+_LIBRARY_PREFIXES = re.compile(r"(u?int(8|16|32|64|ptr|max)|str|mem|wcs|is|to)(_|$)", re.IGNORECASE)
+
+
+class CNameError(BitneatError):
+    """A name cannot prefix C code."""
+
+
+def check_name(name: str, source: str = "--name") -> str:
+    """The name itself, if ``name_step``, ``NAME_H`` and the like are fine identifiers in C and C++.
+
+    Args:
+        name: what generated functions, types and macros will start with.
+        source: where it came from, for the message.
+
+    Raises:
+        CNameError: saying what is wrong and what was expected.
+    """
+    shown = name if len(name) <= 50 and name.isprintable() else repr(name[:50])
+    if not _IDENTIFIER.fullmatch(name):
+        raise CNameError(f"{source}: {shown!r} is no C identifier (letters, digits and _, no digit first)")
+    if name in _C99_KEYWORDS or name in _CXX_KEYWORDS:
+        raise CNameError(f"{source}: {shown!r} is a reserved word of C or C++; choose another name")
+    if name.startswith("_") or "__" in name or name.endswith("_"):
+        raise CNameError(f"{source}: {shown!r} makes names that C and C++ reserve (a leading or a double _)")
+    if _LIBRARY_PREFIXES.match(name) or name in ("bn", "main"):
+        raise CNameError(f"{source}: {shown!r} makes names that belong to the C library or to bitneat's runtime")
+    if len(name) > MAX_NAME_LENGTH:
+        raise CNameError(f"{source}: {len(name)} characters long, expected at most {MAX_NAME_LENGTH}")
+    return name

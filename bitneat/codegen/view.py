@@ -1,0 +1,405 @@
+# SPDX-License-Identifier: MIT
+"""What the templates of the header and the two styles print: everything about meaning is decided here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, specialized_view
+from bitneat.codegen.kernels import Kernel, kernel
+from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
+from bitneat.controller.interval import NodeIntervals, intervals
+from bitneat.controller.ir import SIGNAL_MAX
+from bitneat.controller.packing import Blob, Layout
+
+BYTES_PER_LINE = 16
+WEIGHTS_PER_BYTE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Consecutive inputs or outputs that share one line of the header."""
+
+    first: int
+    last: int
+    text: str
+
+    @property
+    def indices(self) -> str:
+        """The index, or the first and last one."""
+        return f"[{self.first}]" if self.first == self.last else f"[{self.first}..{self.last}]"
+
+
+@dataclass(frozen=True)
+class Interface:
+    """What header and source share in every style.
+
+    ``controller`` is canonical; ``packed_bytes`` is the length of its smallest blob, whatever the style holds.
+    """
+
+    name: str
+    controller: Controller
+    action: Action | None
+    environment: str
+    packed_bytes: int
+    guard: bool
+    version: str
+
+    @property
+    def macro(self) -> str:
+        """The prefix of macros."""
+        return self.name.upper()
+
+    @property
+    def sha256(self) -> str:
+        """The controller's fingerprint."""
+        return self.controller.sha256
+
+    @property
+    def num_inputs(self) -> int:
+        """Inputs of a step."""
+        return len(self.controller.inputs)
+
+    @property
+    def num_outputs(self) -> int:
+        """Outputs of a step."""
+        return len(self.controller.outputs)
+
+    @cached_property
+    def num_state(self) -> int:
+        """Signals that are remembered between steps."""
+        return len(Layout(self.controller).delayed)
+
+    @property
+    def kind(self) -> str:
+        """``ternary``, or what it is else."""
+        return "ternary" if self.controller.is_ternary else "power-of-two weights"
+
+    @property
+    def state_parameter(self) -> str:
+        """The first parameter of a step with state."""
+        return f"struct {self.name}_state *state, " if self.num_state else ""
+
+    @property
+    def state_argument(self) -> str:
+        """The first argument of a step with state."""
+        return "&state, " if self.num_state else ""
+
+    @cached_property
+    def input_runs(self) -> list[Run]:
+        """How each observation becomes a signal."""
+        factor = self.controller.frac_bits
+        return _runs(
+            [
+                f"x = clip(rint(observation * 2^{factor + entry.scale}), -{entry.limit}, {entry.limit})"
+                for entry in self.controller.inputs
+            ]
+        )
+
+    @cached_property
+    def output_runs(self) -> list[Run]:
+        """What each output stands for."""
+        one = self.controller.one
+        if isinstance(self.action, BoxAction):
+            return _runs(
+                [
+                    f"{low:g} + (clip(y / {one}, -1, 1) + 1) / 2 * ({high:g} - {low:g})"
+                    for low, high in zip(self.action.low, self.action.high, strict=True)
+                ]
+            )
+        if isinstance(self.action, DiscreteAction):
+            return _runs(["the largest output wins, the lowest index of equals"] * self.num_outputs)
+        return _runs([f"y / {one}"] * self.num_outputs)
+
+    @cached_property
+    def decision(self) -> Decision | None:
+        """How to choose among discrete actions, or None."""
+        if not isinstance(self.action, DiscreteAction):
+            return None
+        return Decision(tuple(range(1, self.num_outputs)), self.action.start)
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A branch-free argmax over the outputs 0 and ``others``, counted from ``start``."""
+
+    others: tuple[int, ...]
+    start: int
+
+
+def _runs(texts: Sequence[str]) -> list[Run]:
+    runs: list[Run] = []
+    for index, text in enumerate(texts):
+        if runs and runs[-1].text == text:
+            runs[-1] = Run(runs[-1].first, index, text)
+        else:
+            runs.append(Run(index, index, text))
+    return runs
+
+
+def byte_lines(data: bytes) -> list[str]:
+    """The bytes of a table, some to a line."""
+    return [
+        ", ".join(f"0x{byte:02x}" for byte in data[start : start + BYTES_PER_LINE]) + ","
+        for start in range(0, len(data), BYTES_PER_LINE)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """A local variable and the expression it starts with."""
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnrolledNode:
+    """One node of the straight-line code: its sum starts at ``start``, each term is added, the result is ``value``."""
+
+    name: str
+    comment: str
+    sum_name: str
+    start: str
+    terms: tuple[str, ...]
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnrolledView:
+    """The body of an unrolled step."""
+
+    weights: tuple[str, ...]
+    num_weight_bytes: int
+    loads: tuple[Load, ...]
+    nodes: tuple[UnrolledNode, ...]
+    commits: tuple[Load, ...]
+    outputs: tuple[Load, ...]
+    kernels: tuple[Kernel, ...]
+    helpers: frozenset[str]
+
+
+def unrolled_view(interface: Interface, controller: Controller) -> UnrolledView:
+    """Lay out a straight-line step.
+
+    Args:
+        interface: of the canonical controller.
+        controller: what is printed: any controller with the same outputs for every input sequence.
+    """
+    return _Unroller(interface, controller).view()
+
+
+class _Unroller:
+    def __init__(self, interface: Interface, controller: Controller) -> None:
+        self.interface = interface
+        self.prefix = interface.name
+        self.controller = controller
+        self.layout = Layout(controller)
+        self.bounds = intervals(controller)
+        self.helpers: set[str] = {"value"}
+        self.codes: list[int] = []
+
+    def view(self) -> UnrolledView:
+        nodes = tuple(
+            self.node(index, node, bounds)
+            for index, (node, bounds) in enumerate(zip(self.controller.nodes, self.bounds.nodes, strict=True))
+        )
+        used = {node.activation for node in self.controller.nodes} - {"identity", "clamped"}
+        kernels = tuple(
+            kernel(name, self.prefix, self.controller.frac_bits) for name in self.layout.activations if name in used
+        )
+        for k in kernels:
+            self.helpers |= k.helpers
+        loads = self.loads()
+        packed = bytes(
+            sum(code << 2 * i for i, code in enumerate(self.codes[start : start + WEIGHTS_PER_BYTE]))
+            for start in range(0, len(self.codes), WEIGHTS_PER_BYTE)
+        )
+        if not nodes and not any("_value(" in load.value for load in loads):
+            self.helpers.discard("value")
+        return UnrolledView(
+            weights=tuple(byte_lines(packed)),
+            num_weight_bytes=len(packed),
+            loads=loads,
+            nodes=nodes,
+            commits=tuple(
+                Load(f"state->delayed[{i}]", f"(int16_t){self.signal(signal)}")
+                for i, signal in enumerate(self.layout.delayed)
+            ),
+            outputs=tuple(
+                Load(
+                    f"action[{i}]",
+                    str(output.value)
+                    if isinstance(output, Constant)
+                    else f"(int16_t){self.signal(output.index)}",
+                )
+                for i, output in enumerate(self.controller.outputs)
+            ),
+            kernels=kernels,
+            helpers=frozenset(self.helpers),
+        )
+
+    def signal(self, index: int) -> str:
+        first_node = len(self.controller.inputs)
+        return f"x{index}" if index < first_node else f"n{index - first_node}"
+
+    def loads(self) -> tuple[Load, ...]:
+        """The inputs and delayed values that are read, each into a local of its own."""
+        used = {link.source for node in self.controller.nodes for link in node.links if not link.delay}
+        used |= {output.index for output in self.controller.outputs if not isinstance(output, Constant)}
+        used |= set(self.layout.delayed)
+        loads = [
+            Load(f"x{index}", self.guarded(f"observation[{index}]", entry))
+            for index, entry in enumerate(self.controller.inputs)
+            if index in used
+        ]
+        loads += [Load(f"d{i}", f"state->delayed[{i}]") for i in range(len(self.layout.delayed))]
+        return tuple(loads)
+
+    def guarded(self, source: str, entry: Input) -> str:
+        if not self.interface.guard:
+            return source
+        self.helpers.add("clip")
+        return f"{self.prefix}_value({self.prefix}_clip((uint32_t)(int32_t){source}, {entry.limit}U))"
+
+    def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
+        sum_name = f"sum{index}"
+        shifted = self.shifted_sources(node)
+        terms = tuple(self.term(link, shifted) for link in node.links)
+        return UnrolledNode(
+            name=f"n{index}",
+            comment=self.describe(node),
+            sum_name=sum_name,
+            start=_wrapped(node.bias),
+            terms=terms,
+            value=self.response(sum_name, node, bounds),
+        )
+
+    @staticmethod
+    def shifted_sources(node: Node) -> set[tuple[int, int]]:
+        """The sources that are read with several shifts, which a compiler could make a multiplication of."""
+        seen: dict[tuple[int, int], int] = {}
+        for link in node.links:
+            seen[link.source, link.delay] = seen.get((link.source, link.delay), 0) + 1
+        return {source for source, count in seen.items() if count > 1}
+
+    def local(self, link: Link) -> str:
+        return f"d{self.layout.delayed.index(link.source)}" if link.delay else self.signal(link.source)
+
+    def term(self, link: Link, shifted: set[tuple[int, int]]) -> str:
+        """One addition: the source, masked by both bits of its 2-bit weight."""
+        at = len(self.codes)
+        self.codes.append(1 if link.sign > 0 else 2)
+        byte = f"(uint32_t){self.prefix}_weights[{at // WEIGHTS_PER_BYTE}]"
+        low = 2 * (at % WEIGHTS_PER_BYTE)
+        x = f"(uint32_t){self.local(link)}"
+        if link.shift:
+            x = f"({x} << {link.shift})"
+            if (link.source, link.delay) in shifted:
+                self.helpers.add("opaque")
+                x = f"{self.prefix}_opaque{x}"
+        return f"({x} & (0U - ({byte} >> {low} & 1U))) - ({x} & (0U - ({byte} >> {low + 1} & 1U)))"
+
+    def response(self, total: str, node: Node, bounds: NodeIntervals) -> str:
+        """Gain, saturation where it can happen, and activation, as one expression of type int32_t."""
+        value = total
+        if node.gain > 0:
+            value = f"{value} << {node.gain}"
+        elif node.gain < 0:
+            self.helpers.add("floor_shift")
+            value = f"{self.prefix}_floor_shift({value}, {-node.gain})"
+        # The clamp to ±One swallows the saturation before it.
+        limit = self.controller.one if node.activation == "clamped" else SIGNAL_MAX
+        if bounds.scaled.magnitude > limit:
+            clip = "clip" if bounds.scaled.magnitude <= NARROW_CLIP_MAX else "clip_wide"
+            self.helpers.add(clip)
+            value = f"{self.prefix}_{clip}({value}, {limit}U)"
+        if node.activation not in ("identity", "clamped"):
+            value = f"{self.prefix}_act_{node.activation}({value})"
+        return f"{self.prefix}_value({value})"
+
+    def describe(self, node: Node) -> str:
+        """The node as a formula, for a comment."""
+        terms = [
+            ("-" if link.sign < 0 else "+")
+            + f" {self.local(link)}"
+            + (f" * 2^{link.shift}" if link.shift else "")
+            for link in node.links
+        ]
+        if node.bias:
+            terms.append(("-" if node.bias < 0 else "+") + f" {abs(node.bias)}")
+        text = " ".join(terms).removeprefix("+ ") or "0"
+        text = text.replace("- ", "-", 1) if text.startswith("- ") else text
+        if node.gain:
+            text = f"({text}) * 2^{node.gain}"
+        return f"{node.activation}({text})"
+
+
+def _wrapped(value: int) -> str:
+    """An integer as a C expression of type uint32_t, in two's complement."""
+    if value >= 0:
+        return f"UINT32_C({value})" if value else "0"
+    return f"UINT32_C(0) - UINT32_C({-value})"
+
+
+@dataclass(frozen=True, slots=True)
+class TableView:
+    """What surrounds the interpreter in the table style."""
+
+    blob: tuple[str, ...]
+    num_bytes: int
+    encoding: str
+    interpreter: InterpreterView
+    num_signals: int
+    presets: tuple[Load, ...]
+    delays: tuple[Load, ...]
+    commits: tuple[Load, ...]
+    copies: tuple[Load, ...]
+    limit: int | None
+    """The limit that all inputs share, or None: then ``limits`` has one for each."""
+    limits: tuple[str, ...]
+    helpers: frozenset[str]
+
+
+def table_view(interface: Interface, blob: Blob) -> TableView:
+    """Lay out a step around the interpreter of one blob."""
+    controller = interface.controller
+    layout = Layout(controller)
+    view = specialized_view(controller, blob, interface.name)
+    presets = []
+    if layout.has_ternary_bias:
+        presets.append(Load(f"signals[{layout.one_slot}]", f"{controller.one}"))
+    if layout.has_empty_node:
+        presets.append(Load(f"signals[{layout.zero_slot}]", "0"))
+    limits = {entry.limit for entry in controller.inputs}
+    helpers = set(view.helpers) if controller.nodes else set()
+    if interface.guard:
+        helpers |= {"clip", "signal"}
+    return TableView(
+        blob=tuple(byte_lines(blob.data)),
+        num_bytes=len(blob.data),
+        encoding=blob.encoding,
+        interpreter=view,
+        num_signals=layout.workspace_length,
+        presets=tuple(presets),
+        delays=tuple(
+            Load(f"signals[{layout.first_delayed + i}]", f"state->delayed[{i}]") for i in range(len(layout.delayed))
+        ),
+        commits=tuple(
+            Load(f"state->delayed[{i}]", f"signals[{layout.slot_of(signal)}]")
+            for i, signal in enumerate(layout.delayed)
+        ),
+        copies=tuple(
+            Load(
+                f"signals[{layout.num_slots + i}]",
+                str(output.value) if isinstance(output, Constant) else f"signals[{layout.slot_of(output.index)}]",
+            )
+            for i, output in enumerate(controller.outputs)
+            if layout.has_output_map
+        ),
+        limit=limits.pop() if len(limits) == 1 else None,
+        limits=tuple(str(entry.limit) for entry in controller.inputs),
+        helpers=frozenset(helpers),
+    )
