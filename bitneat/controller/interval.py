@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 from bitneat.controller.activation import table
@@ -57,6 +57,7 @@ class Intervals:
     """One for each node."""
 
 
+@lru_cache(maxsize=4)
 def intervals(controller: Controller) -> Intervals:
     """Bounds that hold for every input sequence in the declared domain, from reset.
 

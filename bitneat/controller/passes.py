@@ -22,6 +22,7 @@ from bitneat.controller.ir import (
     GAIN_RANGE,
     SHIFT_RANGE,
     SIGNAL_MAX,
+    Constant,
     Controller,
     Link,
     Node,
@@ -51,6 +52,7 @@ def fold_constants(controller: Controller) -> Controller:
     for index, node in draft.numbered_nodes():
         low, high = bounds[index]
         if low == high and node.links:
+            draft.redirect_outputs(index, Constant(low))
             # As in the canonical form: clamped where it fits, so that the declared limit of the node never grows.
             activation = "clamped" if abs(low) <= controller.one else "identity"
             draft.change(index, Node((), low, 0, activation))
@@ -90,7 +92,7 @@ def forward_copies(controller: Controller) -> Controller:
                 if link.source == index:
                     draft.substitute(reader, link, _expansion(link, (copied,)), 0)
         if (copied.delay, copied.shift, copied.sign) == (0, 0, 1):
-            draft.redirect_outputs(index, copied.source)
+            draft.redirect_outputs(index, Signal(copied.source))
     return draft.controller()
 
 
@@ -152,7 +154,7 @@ def merge_duplicates(controller: Controller) -> Controller:
             for link in draft.node(reader).links:
                 if link.source == index:
                     draft.substitute(reader, link, [replace(link, source=original)], 0)
-        draft.redirect_outputs(index, original)
+        draft.redirect_outputs(index, Signal(original))
     return draft.controller()
 
 
@@ -191,6 +193,8 @@ class _Draft:
 
     def controller(self) -> Controller:
         """What has become of it, or the original if constants that come together are no ternary bias any more."""
+        if tuple(self._nodes) == self._original.nodes and tuple(self._outputs) == self._original.outputs:
+            return self._original
         result = rebuilt(self._original, self._nodes, self._outputs).canonical
         return result if result.is_ternary or not self._ternary else self._original
 
@@ -223,8 +227,8 @@ class _Draft:
         links = tuple(Link(*key, sign) for key, sign in signs.items())
         return self.change(reader, replace(node, links=links, bias=node.bias + bias))
 
-    def redirect_outputs(self, old: int, new: int) -> None:
-        self._outputs = [Signal(new) if output == Signal(old) else output for output in self._outputs]
+    def redirect_outputs(self, old: int, new: Output) -> None:
+        self._outputs = [new if output == Signal(old) else output for output in self._outputs]
 
     def only_link_from(self, index: int) -> Link | None:
         """The link that reads a signal, if there is just one and no output names the signal."""
