@@ -31,7 +31,9 @@ BAD_INPUT = 2
 INTERRUPTED = 128 + signal.SIGINT
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 
-COMMANDS: dict[str, tuple[str, str]] = {}
+COMMANDS: dict[str, tuple[str, str]] = {
+    "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
+}
 """Name of a sub-command: its module, and its one line of help."""
 
 _DESCRIPTION = (

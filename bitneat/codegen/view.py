@@ -105,7 +105,7 @@ class Interface:
         if isinstance(self.action, BoxAction):
             return _runs(
                 [
-                    f"{low:g} + (clip(y / {one}, -1, 1) + 1) / 2 * ({high:g} - {low:g})"
+                    f"{low!r} + (clip(y / {one}, -1, 1) + 1) / 2 * ({high!r} - {low!r})"
                     for low, high in zip(self.action.low, self.action.high, strict=True)
                 ]
             )
