@@ -120,7 +120,9 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     progress = progress_for()
-    evaluator = GymnasiumEvaluator(settings.environment, info.action, max_steps, args.workers or _cores())
+    evaluator = GymnasiumEvaluator(
+        settings.environment, info.action, max_steps, args.workers or _cores(), args.simulator
+    )
     try:
         return carry_on(folder, settings, info, evaluator, progress)
     except KeyboardInterrupt:

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -115,7 +116,7 @@ class Series:
             raise ValueError(expected) from None
         if not values or not all(self.low <= value <= self.high for value in values):
             raise ValueError(expected)
-        if self.rising and any((b - a) * self.rising <= 0 for a, b in zip(values, values[1:], strict=False)):
+        if self.rising and any((b - a) * self.rising <= 0 for a, b in pairwise(values)):
             raise ValueError(expected)
         return values
 
@@ -180,7 +181,7 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "compatibility_weight_coefficient": Real(0.5, 0.0, 100.0),
     },
     "BitSpeciesSet": {
-        "compatibility_threshold": Real(1.0, 0.01, 100.0),
+        "compatibility_threshold": Real(3.0, 0.01, 100.0),
         "target_species": Whole(6, 1, 10_000),
     },
     "BitReproduction": {

@@ -37,10 +37,13 @@ class GymnasiumEvaluator:
         action: its action space.
         max_steps: the time limit of an episode.
         workers: 1 runs in this process.
+        simulator: as of `EpisodeRunner`; it changes no result.
     """
 
-    def __init__(self, spec: EnvironmentSpec, action: Action, max_steps: int, workers: int) -> None:
-        self._jobs = EpisodeJobs(spec, action, max_steps)
+    def __init__(
+        self, spec: EnvironmentSpec, action: Action, max_steps: int, workers: int, simulator: str = "auto"
+    ) -> None:
+        self._jobs = EpisodeJobs(spec, action, max_steps, simulator)
         self._pool = WorkerPool(self._jobs, workers) if workers > 1 else None
         # Short episodes go out by the handful, since each message costs as much as dozens of their steps.
         self._seeds_a_job = 1 if max_steps > 600 else 4
@@ -71,8 +74,9 @@ class GymnasiumEvaluator:
 class EpisodeJobs:
     """What a worker does: run one controller on some seeds."""
 
-    def __init__(self, spec: EnvironmentSpec, action: Action, max_steps: int) -> None:
+    def __init__(self, spec: EnvironmentSpec, action: Action, max_steps: int, simulator: str) -> None:
         self._spec = spec
+        self._simulator = simulator
         self._action = action
         self._max_steps = max_steps
         self._last: tuple[bytes, EpisodeRunner] | None = None
@@ -90,5 +94,5 @@ class EpisodeJobs:
         if self._last is None or self._last[0] != blob:
             controller: Controller = pickle.loads(blob)
             policy = RuntimeController(controller)
-            self._last = (blob, EpisodeRunner(self._spec, controller, self._action, policy))
+            self._last = (blob, EpisodeRunner(self._spec, controller, self._action, policy, self._simulator))
         return self._last[1]

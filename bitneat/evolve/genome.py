@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 from neat.attributes import BaseAttribute, BoolAttribute, StringAttribute
 from neat.genes import BaseGene, DefaultConnectionGene
@@ -42,7 +42,7 @@ class Indexer:
 class TernaryAttribute(BaseAttribute):  # type: ignore[misc]
     """A weight in {-1, 0, +1}. A mutation always changes it: to the other sign, or with ``zero_rate`` to 0."""
 
-    _config_items = {"zero_rate": [float, None]}
+    _config_items: ClassVar[dict[str, list[Any]]] = {"zero_rate": [float, None]}
 
     def init_value(self, config: Any) -> int:
         """A random sign; a new link is never a zero."""
@@ -61,7 +61,7 @@ class TernaryAttribute(BaseAttribute):  # type: ignore[misc]
 class GainAttribute(BaseAttribute):  # type: ignore[misc]
     """The exponent of a power-of-two gain. A mutation moves it by one, rarely by two, within its range."""
 
-    _config_items = {
+    _config_items: ClassVar[dict[str, list[Any]]] = {
         "min_value": [int, None],
         "max_value": [int, None],
         "init_min": [int, None],
@@ -74,7 +74,8 @@ class GainAttribute(BaseAttribute):  # type: ignore[misc]
 
     def mutate_value(self, value: int, config: Any) -> int:
         """A neighbouring gain."""
-        low, high = getattr(config, self.min_value_name), getattr(config, self.max_value_name)
+        low: int = getattr(config, self.min_value_name)
+        high: int = getattr(config, self.max_value_name)
         if low == high:
             return low
         distance = 2 if random.random() < 0.2 else 1
@@ -90,7 +91,7 @@ class GainAttribute(BaseAttribute):  # type: ignore[misc]
 class SignBiasAttribute(BaseAttribute):  # type: ignore[misc]
     """A link from a constant one: -1, 0 or +1, and 0 at the start."""
 
-    _config_items: dict[str, list[Any]] = {}
+    _config_items: ClassVar[dict[str, list[Any]]] = {}
 
     def init_value(self, config: Any) -> int:
         """No bias."""
@@ -124,7 +125,11 @@ class ActivationAttribute(StringAttribute):  # type: ignore[misc]
 class BitNodeGene(BaseGene):  # type: ignore[misc]
     """A node: gain, bias and activation."""
 
-    _gene_attributes = [GainAttribute("gain"), SignBiasAttribute("bias"), ActivationAttribute("activation")]
+    _gene_attributes: ClassVar[list[BaseAttribute]] = [
+        GainAttribute("gain"),
+        SignBiasAttribute("bias"),
+        ActivationAttribute("activation"),
+    ]
 
     gain: int
     bias: int
@@ -139,7 +144,7 @@ class BitNodeGene(BaseGene):  # type: ignore[misc]
 class BitConnectionGene(DefaultConnectionGene):  # type: ignore[misc]
     """A link: weight, whether it is enabled, and its delay."""
 
-    _gene_attributes = [
+    _gene_attributes: ClassVar[list[BaseAttribute]] = [
         TernaryAttribute("weight"),
         BoolAttribute("enabled", default="True", mutate_rate=0.0),
         DelayAttribute("delay"),
@@ -430,7 +435,8 @@ class BitGenome(DefaultGenome):  # type: ignore[misc]
     def _random_source(self, config: BitGenomeConfig) -> int:
         """An input in half of the cases, so that many inputs do not crowd out the few hidden nodes."""
         hidden = [key for key in sorted(self.nodes) if key not in config.output_keys]
-        return random.choice(hidden if hidden and random.random() < 0.5 else config.input_keys)
+        inputs: list[int] = config.input_keys
+        return random.choice(hidden if hidden and random.random() < 0.5 else inputs)
 
     def _mutate_link_attribute(self, config: BitGenomeConfig, name: str) -> bool:
         if not self.connections:

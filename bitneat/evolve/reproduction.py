@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Species and reproduction on neat-python's framework, by rank.
 
-A genome's ``fitness`` is its rank in the race, scaled to [0, 1]: noisy rewards order genomes, their sizes say nothing. Elites are the
-best of the whole population, and they run again in the next generation on its seeds.
+A genome's ``fitness`` is its rank in the race, scaled to [0, 1]: noisy rewards order genomes, their sizes say nothing.
+Elites are the best of the whole population, and they run again in the next generation on its seeds.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
         super().speciate(config, population, generation)
         excess = len(self.species) - self.species_set_config.target_species
         if excess:
-            self.threshold = min(max(self.threshold * (1.05 if excess > 0 else 0.95), 0.05), 20.0)
+            self.threshold = min(max(self.threshold * (1.1 if excess > 0 else 0.92), 0.05), 20.0)
 
     def _keep_nearest(self, population: dict[int, BitGenome]) -> None:
         """neat-python needs a genome for each old species; where there are fewer, the youngest species go."""

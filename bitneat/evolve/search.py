@@ -103,6 +103,12 @@ class _Entrant:
     stage: int = 0
     score: float = -math.inf
 
+    @property
+    def lower_bound(self) -> float:
+        """The score less one standard error: whoever is above it, the race cannot tell from this one."""
+        rewards = [episode.shaped for episode in self.episodes]
+        return self.score - statistics.pstdev(rewards) / math.sqrt(len(rewards))
+
 
 class Search:
     """The state of a run, and how it goes on by a generation.
@@ -227,8 +233,8 @@ class Search:
             done = episodes
         ranked = sorted(entrants, key=_by_score)
         if self.streams.pressure() < settings["size_pressure"]:
-            last = [e for e in ranked if e.stage == ranked[0].stage]
-            ranked = _by_fronts(last) + ranked[len(last) :]
+            tied = [e for e in ranked if e.stage == ranked[0].stage and e.score >= ranked[0].lower_bound]
+            ranked = _by_fronts(tied) + ranked[len(tied) :]
         return ranked
 
     def _consider(self, ranked: list[_Entrant], evaluator: Evaluator) -> None:

@@ -12,6 +12,7 @@ import importlib
 import math
 import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import gymnasium
@@ -19,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bitneat.champion import EnvironmentSpec
-from bitneat.controller import Action, BoxAction, Controller, DiscreteAction, Input
+from bitneat.controller import Action, BoxAction, Controller, DiscreteAction, Input, Signal
 from bitneat.errors import BitneatError
+from bitneat.sim import bipedal
 
 __all__ = [
     "EnvironmentInfo",
@@ -37,7 +39,7 @@ __all__ = [
 Int16Array = npt.NDArray[np.int16]
 
 
-class EnvironmentError_(BitneatError):  # noqa: N801 - EnvironmentError is a built-in name
+class UnfitEnvironmentError(BitneatError):
     """An environment is unknown, cannot be made, or has spaces that a controller cannot serve."""
 
 
@@ -103,15 +105,15 @@ def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
         try:
             importlib.import_module(module)
         except ImportError as error:
-            raise EnvironmentError_(f"--import {module}: {error}") from None
+            raise UnfitEnvironmentError(f"--import {module}: {error}") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return gymnasium.make(spec.id, disable_env_checker=True, **spec.kwargs)
     except gymnasium.error.DependencyNotInstalled as error:
-        raise EnvironmentError_(f"environment {spec.id}: a dependency is missing: {_one_line(error)}") from None
+        raise UnfitEnvironmentError(f"environment {spec.id}: a dependency is missing: {_one_line(error)}") from None
     except (gymnasium.error.Error, ImportError, TypeError, ValueError, AssertionError) as error:
-        raise EnvironmentError_(f"environment {spec.id}: {_one_line(error)}") from None
+        raise UnfitEnvironmentError(f"environment {spec.id}: {_one_line(error)}") from None
 
 
 def _one_line(error: BaseException) -> str:
@@ -138,13 +140,13 @@ def inspect(spec: EnvironmentSpec) -> EnvironmentInfo:
 def _observation_bounds(spec: EnvironmentSpec, space: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     where = f"environment {spec.id}: its observation is"
     if not isinstance(space, gymnasium.spaces.Box):
-        raise EnvironmentError_(f"{where} a {type(space).__name__} space, expected a Box")
+        raise UnfitEnvironmentError(f"{where} a {type(space).__name__} space, expected a Box")
     if space.dtype is not None and space.dtype == np.uint8 and len(space.shape) > 1:
-        raise EnvironmentError_(f"{where} an image of shape {space.shape}, expected a Box of numbers")
+        raise UnfitEnvironmentError(f"{where} an image of shape {space.shape}, expected a Box of numbers")
     if space.dtype is None or space.dtype.kind not in "fiub":
-        raise EnvironmentError_(f"{where} a Box of {space.dtype}, expected numbers")
+        raise UnfitEnvironmentError(f"{where} a Box of {space.dtype}, expected numbers")
     if math.prod(space.shape) < 1:
-        raise EnvironmentError_(f"{where} an empty Box")
+        raise UnfitEnvironmentError(f"{where} an empty Box")
     return (
         tuple(float(v) for v in space.low.reshape(-1)),
         tuple(float(v) for v in space.high.reshape(-1)),
@@ -156,9 +158,9 @@ def _action(spec: EnvironmentSpec, space: Any) -> Action:
     if isinstance(space, gymnasium.spaces.Discrete):
         return DiscreteAction(int(space.n), int(space.start))
     if not isinstance(space, gymnasium.spaces.Box):
-        raise EnvironmentError_(f"{where} a {type(space).__name__} space, expected a bounded Box or Discrete")
+        raise UnfitEnvironmentError(f"{where} a {type(space).__name__} space, expected a bounded Box or Discrete")
     if not (np.isfinite(space.low).all() and np.isfinite(space.high).all()):
-        raise EnvironmentError_(f"{where} an unbounded Box, expected finite bounds")
+        raise UnfitEnvironmentError(f"{where} an unbounded Box, expected finite bounds")
     return BoxAction(
         tuple(float(v) for v in space.low.reshape(-1)),
         tuple(float(v) for v in space.high.reshape(-1)),
@@ -202,10 +204,21 @@ class EpisodeRunner:
         controller: whose encoder and decoder to use.
         action: the action space.
         policy: computes the controller's steps; its outputs are those of ``controller``.
+        simulator: "gymnasium", or "auto" to take a faster equal of the environment where there is one.
     """
 
-    def __init__(self, spec: EnvironmentSpec, controller: Controller, action: Action, policy: StepController) -> None:
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        controller: Controller,
+        action: Action,
+        policy: StepController,
+        simulator: str = "gymnasium",
+    ) -> None:
         self._spec = spec
+        self._lean = None
+        if simulator == "auto" and bipedal.serves(spec):
+            self._lean = bipedal.make(spec, _used_inputs(controller))
         self._policy = policy
         self._factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
         self._limit = np.array([float(i.limit) for i in controller.inputs])
@@ -215,10 +228,12 @@ class EpisodeRunner:
     def __call__(self, seed: int, max_steps: int, shaping: Shaping | None = None) -> EpisodeResult:
         """One episode in a fresh environment; stops at the environment's end or after ``max_steps`` steps.
 
+        ``max_steps`` must not exceed the environment's own time limit, which its faster equals do not know.
+
         Raises:
             BitneatError: if an observation holds a NaN.
         """
-        environment = make(self._spec)
+        environment = make(self._spec) if self._lean is None else self._lean
         try:
             with np.errstate(over="ignore"):
                 return self._run(environment, seed, max_steps, shaping or Shaping())
@@ -245,9 +260,10 @@ class EpisodeRunner:
             np.rint(encoded, out=encoded)
             np.minimum(encoded, limit, out=encoded)
             np.maximum(encoded, negative_limit, out=encoded)
-            checksum = encoded.dot(encoded)
-            if checksum != checksum:
-                raise EnvironmentError_(f"environment {self._spec.id}: observation {steps} of seed {seed} holds a NaN")
+            if math.isnan(encoded.dot(encoded)):
+                raise UnfitEnvironmentError(
+                    f"environment {self._spec.id}: observation {steps} of seed {seed} holds a NaN"
+                )
             signals[:] = encoded
             observation, reward, terminated, truncated, _ = environment_step(decode(policy_step(signals)))
             last = float(reward)
@@ -266,15 +282,20 @@ class EpisodeRunner:
         return EpisodeResult(total, shaped, steps, bool(terminated), stalled)
 
 
+def _used_inputs(controller: Controller) -> list[int]:
+    """The inputs that the controller reads."""
+    sources = {link.source for node in controller.nodes for link in node.links}
+    sources |= {output.index for output in controller.outputs if isinstance(output, Signal)}
+    return sorted(source for source in sources if source < len(controller.inputs))
+
+
 def _decoder(action: Action, frac_bits: int) -> Any:
     """`Action.decode` as a table: outputs beyond ±One decode as ±One does, so 2^(F+1)+1 rows hold every action."""
     if isinstance(action, DiscreteAction):
         start = action.start
         return lambda outputs: start + int(np.argmax(outputs))
-    one = 1 << frac_bits
-    count = action.num_outputs
-    rows = [action.decode(np.full(count, y, dtype=np.int16), frac_bits).reshape(-1) for y in range(-one, one + 1)]
-    table = np.ascontiguousarray(np.stack(rows).T).reshape(-1)
+    one, count = 1 << frac_bits, action.num_outputs
+    table = _decode_table(action, frac_bits)
     middle = np.arange(count, dtype=np.intp) * (2 * one + 1) + one
     shape = None if action.shape == (count,) else action.shape
 
@@ -283,3 +304,14 @@ def _decoder(action: Action, frac_bits: int) -> Any:
         return picked if shape is None else picked.reshape(shape)
 
     return decode
+
+
+@lru_cache(maxsize=4)
+def _decode_table(action: BoxAction, frac_bits: int) -> npt.NDArray[Any]:
+    """The components of the action for every output -One..One, one component after the other."""
+    one = 1 << frac_bits
+    rows = [
+        action.decode(np.full(action.num_outputs, y, dtype=np.int16), frac_bits).reshape(-1)
+        for y in range(-one, one + 1)
+    ]
+    return np.ascontiguousarray(np.stack(rows).T).reshape(-1)
