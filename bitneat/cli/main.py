@@ -32,7 +32,9 @@ INTERRUPTED = 128 + signal.SIGINT
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 
 COMMANDS: dict[str, tuple[str, str]] = {
+    "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
+    "import": ("bitneat.cli.import_", "make a champion from a genome pickled by plain neat-python"),
 }
 """Name of a sub-command: its module, and its one line of help."""
 

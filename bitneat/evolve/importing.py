@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: MIT
+"""From a genome that plain neat-python pickled to a controller.
+
+The pickle is foreign, so it is read with an unpickler that knows three class names, neat-python's genome and genes, and builds
+empty stand-ins for them: no code of the file or of neat-python runs.
+"""
+
+from __future__ import annotations
+
+import configparser
+import io
+import math
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bitneat.controller import Constant, Controller, ControllerError, Input, Link, Node, Signal
+from bitneat.controller.ir import GAIN_RANGE, SHIFT_RANGE
+from bitneat.errors import BitneatError
+from bitneat.files import read_capped
+
+MAX_GENOME_BYTES = 16 * 1024 * 1024
+NEAT_ACTIVATIONS = ("identity", "clamped", "relu", "abs", "hat", "tanh", "sigmoid", "sin", "gauss")
+"""neat-python's activations that bitneat has, under the same names and with the same scaling."""
+
+
+class GenomeImportError(BitneatError):
+    """A genome cannot be read, or has no equal among controllers."""
+
+
+class _Genome:
+    """Stands in for neat.genome.DefaultGenome."""
+
+    connections: dict[tuple[int, int], _Gene]
+    nodes: dict[int, _Gene]
+
+
+class _Gene:
+    """Stands in for neat.genes.DefaultNodeGene and DefaultConnectionGene."""
+
+
+_ALLOWED: dict[tuple[str, str], Any] = {
+    ("neat.genome", "DefaultGenome"): _Genome,
+    ("neat.genes", "DefaultNodeGene"): _Gene,
+    ("neat.genes", "DefaultConnectionGene"): _Gene,
+}
+
+
+class _GenomeUnpickler(pickle.Unpickler):
+    def find_class(self, module_name: str, global_name: str) -> Any:
+        try:
+            return _ALLOWED[module_name, global_name]
+        except KeyError:
+            raise GenomeImportError(
+                f"refused: the pickle names {module_name}.{global_name}; only neat-python's DefaultGenome, DefaultNodeGene and"
+                " DefaultConnectionGene are read"
+            ) from None
+
+    def persistent_load(self, pid: Any) -> Any:
+        raise GenomeImportError("refused: the pickle has a persistent id")
+
+
+@dataclass(frozen=True)
+class NeatShape:
+    """What the importer needs of a neat-python configuration."""
+
+    num_inputs: int
+    num_outputs: int
+
+
+def read_shape(path: Path) -> NeatShape:
+    """Numbers of inputs and outputs from neat-python's ini file.
+
+    Raises:
+        BitneatError: if a key is missing or wrong, or the networks are recurrent.
+    """
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        parser.read_string(read_capped(path, 1 << 20).decode("utf-8"), source=str(path))
+    except (configparser.Error, UnicodeDecodeError) as error:
+        raise GenomeImportError(f"{path}: {' '.join(str(error).split())}") from None
+    section = "DefaultGenome"
+    if not parser.has_section(section):
+        raise GenomeImportError(f"{path}: missing section [{section}]: expected a configuration of plain neat-python")
+    numbers = {}
+    for key in ("num_inputs", "num_outputs"):
+        try:
+            numbers[key] = int(parser.get(section, key))
+        except (configparser.Error, ValueError):
+            numbers[key] = 0
+        if not 1 <= numbers[key] <= 1024:
+            raise GenomeImportError(f"{path}: [{section}] {key}: expected an integer from 1 to 1024")
+    if parser.get(section, "feed_forward", fallback="True").strip().lower() not in ("true", "1", "yes", "on"):
+        raise GenomeImportError(f"{path}: [{section}] feed_forward: recurrent networks cannot be imported")
+    return NeatShape(**numbers)
+
+
+def read_genome(path: Path) -> Any:
+    """The genome in a pickle, as a stand-in with plain attributes.
+
+    Raises:
+        BitneatError: if the pickle is damaged or names anything but neat-python's default genome and genes.
+    """
+    content = read_capped(path, MAX_GENOME_BYTES)
+    try:
+        genome = _GenomeUnpickler(io.BytesIO(content)).load()
+    except GenomeImportError as error:
+        raise GenomeImportError(f"{path}: {error}") from None
+    except Exception as error:  # a damaged pickle can raise nearly anything
+        raise GenomeImportError(f"{path}: a damaged or truncated pickle ({type(error).__name__})") from None
+    if not isinstance(genome, _Genome):
+        raise GenomeImportError(f"{path}: holds a {type(genome).__name__}, expected a genome of neat-python")
+    for part in ("nodes", "connections"):
+        if not isinstance(getattr(genome, part, None), dict):
+            raise GenomeImportError(f"{path}: the genome has no {part}")
+    return genome
+
+
+def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits: int) -> Controller:
+    """The canonical controller that computes what the genome does, up to the resolution of its signals.
+
+    An integer weight becomes a sum of shifted links (canonical signed digits), a response that is a power of two a gain.
+
+    Raises:
+        BitneatError: naming the gene and what a controller cannot express.
+    """
+    into: dict[int, list[tuple[int, int]]] = {key: [] for key in genome.nodes}
+    for key, gene in genome.connections.items():
+        source, target = _connection_key(key)
+        if target not in into or (source not in into and not -shape.num_inputs <= source < 0):
+            raise GenomeImportError(f"connection {source} -> {target}: leads to or from a node that is not there")
+        if getattr(gene, "enabled", None) is True:
+            into[target].append((source, _integer(gene, "weight", f"connection {source} -> {target}")))
+    for output in range(shape.num_outputs):
+        if output not in genome.nodes:
+            raise GenomeImportError(
+                f"output {output}: the genome has no such node; does the configuration belong to it?"
+            )
+    order = _order(into, shape)
+    number = {-1 - index: index for index in range(shape.num_inputs)}
+    number.update({key: shape.num_inputs + position for position, key in enumerate(order)})
+    nodes = tuple(_node(genome.nodes[key], key, into[key], number, frac_bits) for key in order)
+    outputs = tuple(Signal(number[key]) for key in range(shape.num_outputs))
+    try:
+        controller = Controller(inputs, nodes, outputs, frac_bits).canonical
+    except ControllerError as error:
+        raise GenomeImportError(f"the genome has no equal controller: {error}") from None
+    if all(isinstance(output, Constant) for output in controller.outputs):
+        raise GenomeImportError("the genome has no path from any input to an output")
+    return controller
+
+
+def signed_digits(value: int) -> list[tuple[int, int]]:
+    """The canonical signed digits of an integer: (sign, shift) with no two neighbouring shifts."""
+    digits = []
+    shift = 0
+    while value:
+        if value & 1:
+            digit = 2 - (value & 3)  # 1 or -1, whichever leaves a number divisible by four
+            digits.append((digit, shift))
+            value -= digit
+        value >>= 1
+        shift += 1
+    return digits
+
+
+def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int, int], frac_bits: int) -> Node:
+    where = f"node {key}"
+    activation, aggregation = getattr(gene, "activation", None), getattr(gene, "aggregation", None)
+    if activation not in NEAT_ACTIVATIONS:
+        raise GenomeImportError(f"{where}: activation {activation!r:.40} is not one of {', '.join(NEAT_ACTIVATIONS)}")
+    if aggregation != "sum" and len(sources) > 1:
+        raise GenomeImportError(f"{where}: aggregation {aggregation!r:.40}: a node of a controller can only sum")
+    gain = _exponent(getattr(gene, "response", None), where)
+    # neat-python adds the bias after the response, a controller before the gain.
+    bias = _integer(gene, "bias", where) << frac_bits
+    if gain > 0 and bias % (1 << gain):
+        raise GenomeImportError(
+            f"{where}: its bias is not a multiple of 2^{gain - frac_bits}, its response's resolution"
+        )
+    bias = bias >> gain if gain > 0 else bias << -gain
+    links = []
+    for source, weight in sources:
+        for sign, shift in signed_digits(weight):
+            if shift > SHIFT_RANGE[1]:
+                raise GenomeImportError(
+                    f"connection {source} -> {key}: weight {weight} is too large for shifts up to 7"
+                )
+            links.append(Link(number[source], 0, shift, sign))
+    return Node(tuple(sorted(links)), bias, gain, activation)
+
+
+def _connection_key(key: Any) -> tuple[int, int]:
+    if isinstance(key, tuple) and len(key) == 2 and all(type(end) is int for end in key):
+        return key
+    raise GenomeImportError(f"connection {key!r:.40}: expected a pair of integers as key")
+
+
+def _integer(gene: Any, name: str, where: str) -> int:
+    value = getattr(gene, name, None)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise GenomeImportError(f"{where}: {name} is {value!r:.40}, expected an integer")
+    if value != int(value):
+        raise GenomeImportError(f"{where}: {name} is {value:g}, not an integer; make it one with `bitneat quantize`")
+    if abs(value) > 1 << 20:
+        raise GenomeImportError(f"{where}: {name} {value:g} is too large")
+    return int(value)
+
+
+def _exponent(response: Any, where: str) -> int:
+    if (
+        not isinstance(response, (int, float))
+        or isinstance(response, bool)
+        or not math.isfinite(response)
+        or response <= 0
+    ):
+        raise GenomeImportError(f"{where}: response is {response!r:.40}, expected a power of two")
+    mantissa, exponent = math.frexp(response)
+    if mantissa != 0.5 or not GAIN_RANGE[0] <= exponent - 1 <= GAIN_RANGE[1]:
+        raise GenomeImportError(
+            f"{where}: response {response:g} is not a power of two from 2^-7 to 2^7; make it one with `bitneat quantize`"
+        )
+    return exponent - 1
+
+
+def _order(into: dict[int, list[tuple[int, int]]], shape: NeatShape) -> list[int]:
+    """Hidden nodes in topological order, then the outputs that no node reads."""
+    done = set(range(-shape.num_inputs, 0))
+    order: list[int] = []
+    waiting = sorted(into, key=lambda key: (0 <= key < shape.num_outputs, key))
+    while waiting:
+        ready = next((key for key in waiting if all(source in done for source, _ in into[key])), None)
+        if ready is None:
+            raise GenomeImportError(
+                f"nodes {', '.join(map(str, waiting[:5]))}: form a cycle; recurrent networks cannot be imported"
+            )
+        waiting.remove(ready)
+        done.add(ready)
+        order.append(ready)
+    return order
