@@ -57,4 +57,4 @@ format: $(READY)
 
 clean:
 	rm -rf $(VENV) build dist demo .pytest_cache .hypothesis .mypy_cache .ruff_cache
-	find bitneat tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+	find bitneat tests -name __pycache__ -prune -exec rm -rf {} +

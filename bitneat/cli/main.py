@@ -34,6 +34,7 @@ _BROKEN_PIPE = 128 + signal.SIGPIPE
 COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
+    "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "import": ("bitneat.cli.import_", "make a champion from a genome pickled by plain neat-python"),
 }
 """Name of a sub-command: its module, and its one line of help."""
