@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="straight-line code, a table with an interpreter, or the smaller as compiled (default: auto)",
     )
-    parser.add_argument("--guard", action="store_true", help="clamp observations to their limits, so that any int16 is allowed")
+    parser.add_argument(
+        "--guard", action="store_true", help="clamp observations to their limits, so that any int16 is allowed"
+    )
     parser.add_argument("--selftest", action="store_true", help="also write NAME_selftest.c with known answers")
     add_json(parser)
 
@@ -60,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
         write_atomic(path, text.encode("ascii"))
     written = ", ".join(str(path) for path in files)
     encoding = f", encoding {code.encoding}" if code.encoding else ""
-    print(f"{written}: style {code.style}{encoding}, {code.table_bytes} table bytes, controller {champion.controller.sha256[:12]}")
+    print(
+        f"{written}: style {code.style}{encoding}, {code.table_bytes} table bytes, controller {champion.controller.sha256[:12]}"
+    )
     if args.json:
         write_json(
             args.json,

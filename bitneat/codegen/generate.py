@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import random
+import re
 import tempfile
 from dataclasses import dataclass
 from functools import cache
@@ -107,14 +108,14 @@ def generate(
     if style == "unrolled":
         view = unrolled_view(interface, optimize(canonical))
         source = environment().get_template("unrolled.c.j2").render(v=interface, u=view, header=header_name)
-        header = header_template.render(v=interface, table=None)
+        header = header_template.render(v=interface, num_state=view.num_state, table=None)
         return GeneratedC(name, style, header_name, header, source, None, view.num_weight_bytes)
     sources = []
     for encoding in table_encodings(canonical):
         blob = pack_blob(canonical, encoding)
         table = table_view(interface, blob)
         source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
-        header = header_template.render(v=interface, table=table)
+        header = header_template.render(v=interface, num_state=table.num_state, table=table)
         sources.append(GeneratedC(name, style, header_name, header, source, encoding, len(blob.data)))
     return min(sources, key=code_bytes) if len(sources) > 1 else sources[0]
 
@@ -170,9 +171,8 @@ def _check_action(controller: Controller, action: Action | None) -> None:
 
 
 def _comment_text(text: str) -> str:
-    """Foreign text made safe for a C comment: printable ASCII in one short line that can't end it."""
-    plain = "".join(c if c.isascii() and c.isprintable() else "?" for c in text[:80])
-    return plain.replace("*/", "*?").replace("/*", "?*").replace("\\", "?").replace("??", "?")
+    """Foreign text made safe for a C comment: one short line that can neither end it nor hold an escape or trigraph."""
+    return re.sub(r"[^A-Za-z0-9 ._:/-]", ".", text[:80])
 
 
 def selftest(code: GeneratedC, controller: Controller) -> str:

@@ -126,7 +126,10 @@ def general_view() -> InterpreterView:
         gap_k="gap_k",
         locals={
             "bytes": ("const unsigned record_bits = 8U * c->record_bytes;", "const int has_shifts = c->has_shifts;"),
-            "rice": ("const unsigned count_k = (unsigned)bn_take(&at, 3);", "const unsigned gap_k = (unsigned)bn_take(&at, 3);"),
+            "rice": (
+                "const unsigned count_k = (unsigned)bn_take(&at, 3);",
+                "const unsigned gap_k = (unsigned)bn_take(&at, 3);",
+            ),
         },
         varying_gain=True,
         fixed_gain=0,

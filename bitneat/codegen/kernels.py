@@ -29,7 +29,7 @@ class Kernel:
 
 
 def kernel(activation: str, prefix: str, frac_bits: int | None) -> Kernel:
-    """The body of ``prefix_act_activation(uint32_t u)``, or of ``prefix_act_activation(uint32_t u, unsigned f)`` for any F if F matters.
+    """The body of ``prefix_act_NAME(uint32_t u)``; for any F the function may have a second parameter ``f``.
 
     Args:
         activation: one of the ten names.

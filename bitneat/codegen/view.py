@@ -67,10 +67,10 @@ class Interface:
         """Outputs of a step."""
         return len(self.controller.outputs)
 
-    @cached_property
-    def num_state(self) -> int:
-        """Signals that are remembered between steps."""
-        return len(Layout(self.controller).delayed)
+    @property
+    def has_state(self) -> bool:
+        """Whether a step takes a state, which depends on the controller alone and not on the style."""
+        return self.controller.is_recurrent
 
     @property
     def kind(self) -> str:
@@ -80,12 +80,12 @@ class Interface:
     @property
     def state_parameter(self) -> str:
         """The first parameter of a step with state."""
-        return f"struct {self.name}_state *state, " if self.num_state else ""
+        return f"struct {self.name}_state *state, " if self.has_state else ""
 
     @property
     def state_argument(self) -> str:
         """The first argument of a step with state."""
-        return "&state, " if self.num_state else ""
+        return "&state, " if self.has_state else ""
 
     @cached_property
     def input_runs(self) -> list[Run]:
@@ -174,7 +174,10 @@ class UnrolledView:
     weights: tuple[str, ...]
     num_weight_bytes: int
     loads: tuple[Load, ...]
+    reads_observation: bool
     nodes: tuple[UnrolledNode, ...]
+    num_state: int
+    """Remembered signals; at least 1 where there is a state, even if the passes left nothing to remember."""
     commits: tuple[Load, ...]
     outputs: tuple[Load, ...]
     kernels: tuple[Kernel, ...]
@@ -223,7 +226,9 @@ class _Unroller:
             weights=tuple(byte_lines(packed)),
             num_weight_bytes=len(packed),
             loads=loads,
+            reads_observation=any("observation[" in load.value for load in loads),
             nodes=nodes,
+            num_state=max(len(self.layout.delayed), 1),
             commits=tuple(
                 Load(f"state->delayed[{i}]", f"(int16_t){self.signal(signal)}")
                 for i, signal in enumerate(self.layout.delayed)
@@ -231,9 +236,7 @@ class _Unroller:
             outputs=tuple(
                 Load(
                     f"action[{i}]",
-                    str(output.value)
-                    if isinstance(output, Constant)
-                    else f"(int16_t){self.signal(output.index)}",
+                    str(output.value) if isinstance(output, Constant) else f"(int16_t){self.signal(output.index)}",
                 )
                 for i, output in enumerate(self.controller.outputs)
             ),
@@ -323,9 +326,7 @@ class _Unroller:
     def describe(self, node: Node) -> str:
         """The node as a formula, for a comment."""
         terms = [
-            ("-" if link.sign < 0 else "+")
-            + f" {self.local(link)}"
-            + (f" * 2^{link.shift}" if link.shift else "")
+            ("-" if link.sign < 0 else "+") + f" {self.local(link)}" + (f" * 2^{link.shift}" if link.shift else "")
             for link in node.links
         ]
         if node.bias:
@@ -353,6 +354,7 @@ class TableView:
     encoding: str
     interpreter: InterpreterView
     num_signals: int
+    num_state: int
     presets: tuple[Load, ...]
     delays: tuple[Load, ...]
     commits: tuple[Load, ...]
@@ -383,6 +385,7 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
         encoding=blob.encoding,
         interpreter=view,
         num_signals=layout.workspace_length,
+        num_state=len(layout.delayed),
         presets=tuple(presets),
         delays=tuple(
             Load(f"signals[{layout.first_delayed + i}]", f"state->delayed[{i}]") for i in range(len(layout.delayed))

@@ -115,9 +115,7 @@ def _in_order(controller: Controller, needed: list[int]) -> Controller:
     number: dict[int, int] = {i: i for i in range(first_node)}
     number.update({index: first_node + position for position, index in enumerate(order)})
     nodes = [renumbered(by_index[index], number) for index in order]
-    outputs = [
-        Signal(number[output.index]) if isinstance(output, Signal) else output for output in controller.outputs
-    ]
+    outputs = [Signal(number[output.index]) if isinstance(output, Signal) else output for output in controller.outputs]
     return rebuilt(controller, nodes, outputs)
 
 

@@ -78,7 +78,8 @@ class BoxAction:
         low = np.array(self.low)
         action = np.clip(outputs.astype(np.float64) / (1 << frac_bits), -1.0, 1.0)
         scaled = low + (action + 1.0) / 2.0 * (np.array(self.high) - low)
-        return scaled.astype(self.dtype).reshape(self.shape)
+        decoded: npt.NDArray[Any] = scaled.astype(self.dtype).reshape(self.shape)
+        return decoded
 
     def to_data(self) -> dict[str, Any]:
         """Plain data that `action_from_data` reads back."""

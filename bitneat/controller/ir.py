@@ -211,9 +211,7 @@ class Controller:
         return cls(inputs=inputs, nodes=nodes, outputs=outputs, frac_bits=fields["frac_bits"])
 
 
-def _fields(
-    data: object, where: str, required: Sequence[str] = (), optional: Sequence[str] = ()
-) -> dict[str, Any]:
+def _fields(data: object, where: str, required: Sequence[str] = (), optional: Sequence[str] = ()) -> dict[str, Any]:
     if not isinstance(data, Mapping):
         raise ControllerError(f"{where}: expected a mapping, got {_shown(data)}")
     for key in data:

@@ -205,7 +205,9 @@ def _read(reader: BitReader) -> Controller:
         raise PackedFormatError("blob: a gain of more than 4 bits or a bias of more than 32")
     delayed = []
     if has_delays:
-        delayed = [reader.take(signal_width) for _ in range(reader.take_count(num_signals, "number of delayed signals"))]
+        delayed = [
+            reader.take(signal_width) for _ in range(reader.take_count(num_signals, "number of delayed signals"))
+        ]
     outputs: list[Output] = [Signal(num_signals - num_outputs + i) for i in range(num_outputs)]
     if has_map:
         outputs = [_read_output(reader, signal_width) for _ in range(num_outputs)]
@@ -226,8 +228,7 @@ def _read(reader: BitReader) -> Controller:
     )
     slots = _SlotNames(num_inputs, bias_mode == BIAS_TERNARY, has_empty, delayed, frac_bits)
     nodes = tuple(
-        _node(packed, slots, activations, min_gain, index)
-        for index, packed in enumerate(encoding.read(reader, shape))
+        _node(packed, slots, activations, min_gain, index) for index, packed in enumerate(encoding.read(reader, shape))
     )
     return Controller(tuple(inputs), nodes, tuple(outputs), frac_bits)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from bitneat.controller.packing.bits import BitReader, BitWriter, PackedFormatError, rice_cost
 from bitneat.controller.packing.layout import SlotLink
@@ -149,7 +150,7 @@ def _gaps(shape: Shape, node: PackedNode) -> list[int]:
     # With shifts a slot may come again, so the gap is the difference itself; without, it is at least 1.
     step = 0 if shape.has_shifts else 1
     slots = [-step, *(link.slot for link in node.links)]
-    return [b - a - step for a, b in zip(slots, slots[1:], strict=False)]
+    return [b - a - step for a, b in pairwise(slots)]
 
 
 def _write_rice(writer: BitWriter, shape: Shape, nodes: Nodes) -> None:

@@ -65,9 +65,7 @@ class Layout:
     @cached_property
     def delayed(self) -> tuple[int, ...]:
         """The signals that some link reads delayed, ascending; their slots keep that order."""
-        return tuple(
-            sorted({link.source for node in self.controller.nodes for link in node.links if link.delay})
-        )
+        return tuple(sorted({link.source for node in self.controller.nodes for link in node.links if link.delay}))
 
     @cached_property
     def has_shifts(self) -> bool:

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: MIT
+"""The text of the generated C: stable, warning-free in C99 and C++, with names and comments that can't break out."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bitneat.codegen import CNameError, CodegenError, GeneratedC, check_name, code_bytes, generate, selftest
+from bitneat.codegen.runtime import render
+from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
+from bitneat.native.compiler import Compiler, host_compiler, identify, zig_compiler
+from bitneat.native.data import runtime_dir
+from tests.compiled import WARNINGS
+from tests.strategies import random_controller
+
+GOLDEN = Path(__file__).parent / "golden"
+REFRESH = bool(os.environ.get("BITNEAT_REFRESH_GOLDEN"))
+"""Run with BITNEAT_REFRESH_GOLDEN=1 to write the golden files anew, then read the difference."""
+
+LEGS = Controller(
+    inputs=(Input(0, 2047), Input(2, 300), Input()),
+    nodes=(
+        Node((Link(0), Link(1, sign=-1)), bias=256, gain=-1, activation="tanh"),
+        Node((Link(3), Link(2, delay=1, sign=-1), Link(4, delay=1)), activation="clamped"),
+        Node((Link(0, sign=-1), Link(4)), gain=2, activation="hat"),
+    ),
+    outputs=(Signal(4), Signal(5)),
+)
+CHOICE = Controller((Input(), Input()), (Node((Link(0), Link(1))),), (Signal(0), Signal(2), Signal(1)), 6)
+
+
+def legs(style: str, **options: object) -> GeneratedC:
+    action = BoxAction((-1.0, 0.0), (1.0, 2.5), (2,), "float32")
+    return generate(LEGS, "legs", style, action=action, environment_id="Legs-v0", **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("style", ["unrolled", "table"])
+def test_generated_files_are_what_they_were(style: str) -> None:
+    code = legs(style)
+    texts = {f"legs_{style}.h": code.header, f"legs_{style}.c": code.source}
+    if style == "unrolled":
+        texts["legs_selftest.c"] = selftest(code, LEGS)
+    for name, text in texts.items():
+        if REFRESH:
+            GOLDEN.mkdir(exist_ok=True)
+            (GOLDEN / name).write_text(text)
+        assert text == (GOLDEN / name).read_text()
+
+
+def test_the_runtime_interpreter_is_what_its_templates_give() -> None:
+    text = (runtime_dir() / "src" / "interpreter.c").read_text()
+    assert text == render(), "run python -m bitneat.codegen.runtime"
+
+
+def test_generation_does_not_depend_on_hash_seed_or_locale() -> None:
+    program = (
+        "from tests.codegen.test_generated import legs; import hashlib;"
+        "print(hashlib.sha256((legs('table').source + legs('auto', guard=True).header).encode()).hexdigest())"
+    )
+    seen = set()
+    for seed, locale in (("0", "C"), ("1", "C.UTF-8"), ("77", "de_DE.UTF-8")):
+        environment = {**os.environ, "PYTHONHASHSEED": seed, "LC_ALL": locale, "TZ": f"UTC+{seed[0]}"}
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            env=environment,
+            cwd=Path(__file__).parents[2],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        seen.add(done.stdout)
+    assert len(seen) == 1
+
+
+def compilers() -> list[tuple[Compiler, str]]:
+    """The C and C++ compilers of this machine, and ziglang's clang for both."""
+    found = [(host_compiler(), "-std=c99")]
+    for command in ("gcc", "clang", "clang-14"):
+        found += [(c, "-std=c99") for c in [identify([command])] if c]
+    for command in ("g++", "clang++", "clang++-14"):
+        found += [(c, "-std=c++11") for c in [identify([command])] if c]
+    zig = zig_compiler()
+    assert zig is not None, "ziglang is a dependency"
+    found.append((zig, "-std=c99"))
+    found.append((Compiler((*zig.command[:-1], "c++"), zig.family, zig.version), "-std=c++11"))
+    return found
+
+
+@pytest.mark.parametrize("style", ["unrolled", "table"])
+@pytest.mark.parametrize("guard", [False, True])
+def test_generated_code_compiles_without_a_warning_as_c99_and_cxx(tmp_path: Path, style: str, guard: bool) -> None:
+    sources = []
+    controllers = [LEGS, CHOICE, *(random_controller(random.Random(seed)) for seed in range(500, 505))]
+    for number, controller in enumerate(controllers):
+        if all(isinstance(output, Constant) for output in controller.canonical.outputs):
+            continue
+        action = DiscreteAction(len(controller.outputs), -3) if number % 2 else None
+        code = generate(controller, f"c{number}", style, guard=guard, action=action)  # type: ignore[arg-type]
+        (tmp_path / f"c{number}.h").write_text(code.header)
+        (tmp_path / f"c{number}.c").write_text(code.source)
+        (tmp_path / f"c{number}_selftest.c").write_text(selftest(code, controller))
+        sources += [f"c{number}.c", f"c{number}_selftest.c"]
+    unity = tmp_path / "unity"
+    text = "".join(f'#include "{name}"\n' for name in sources)
+    families = set()
+    for compiler, standard in compilers():
+        source = unity.with_suffix(".c" if standard == "-std=c99" else ".cpp")
+        source.write_text(text)
+        out = tmp_path / "unity.o"
+        for level in ("-O0", "-O2"):
+            command = [*compiler.command, standard, *WARNINGS, level, "-c", str(source), "-o", str(out)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{compiler.title} {standard}: {done.stderr[:2000]}"
+        families.add((compiler.family, standard))
+    assert any(family in ("clang", "zig") and standard == "-std=c++11" for family, standard in families)
+
+
+@pytest.mark.parametrize("style", ["unrolled", "table"])
+@pytest.mark.parametrize("controller", [LEGS, CHOICE])
+def test_the_selftest_passes_and_catches_a_fault(tmp_path: Path, style: str, controller: Controller) -> None:
+    code = generate(controller, "legs", style)  # type: ignore[arg-type]
+    (tmp_path / "legs.h").write_text(code.header)
+    (tmp_path / "legs_selftest.c").write_text(selftest(code, controller))
+    command = [
+        *host_compiler().command,
+        "-std=c99",
+        "-O2",
+        "-DLEGS_SELFTEST_MAIN",
+        "legs.c",
+        "legs_selftest.c",
+        "-o",
+        "t",
+    ]
+    end = code.source.index("};", code.source.index("_weights[" if style == "unrolled" else "_blob["))
+    last = code.source.rindex("0x", 0, end) + 3
+    faulty = f"{code.source[:last]}{int(code.source[last], 16) ^ 1:x}{code.source[last + 1 :]}"
+    for text, expected in ((code.source, 0), (faulty, 1)):
+        (tmp_path / "legs.c").write_text(text)
+        subprocess.run(command, cwd=tmp_path, check=True)
+        assert subprocess.run([tmp_path / "t"], check=False).returncode == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("", "no C identifier"),
+        ("9lives", "no C identifier"),
+        ("a-b", "no C identifier"),
+        ("naïve", "no C identifier"),
+        ("x\n#include", "no C identifier"),
+        ("int", "reserved word"),
+        ("class", "reserved word"),
+        ("restrict", "reserved word"),
+        ("_walker", "reserve"),
+        ("a__b", "reserve"),
+        ("walker_", "reserve"),
+        ("uint8", "belong"),
+        ("bn", "belong"),
+        ("w" * 41, "at most 40"),
+    ],
+)
+def test_a_name_that_cannot_prefix_c_is_refused(name: str, why: str) -> None:
+    with pytest.raises(CNameError, match=why) as caught:
+        check_name(name)
+    assert "\n" not in str(caught.value)
+
+
+def test_foreign_text_cannot_leave_its_comment(tmp_path: Path) -> None:
+    code = generate(LEGS, "legs", "unrolled", environment_id='x */ #error "out" /* \\\n??/ \x00é')
+    comment = code.header[: code.header.index("#ifndef")]
+    assert comment.count("*/") == 1
+    assert comment.rstrip().endswith("*/")
+    assert code.header.isascii()
+    assert "\\" not in comment
+    assert "?" not in comment
+
+
+def test_a_controller_without_a_path_is_refused() -> None:
+    constant = Controller((Input(),), (Node((), 256),), (Signal(1),))
+    with pytest.raises(CodegenError, match="no path from any input to an output"):
+        generate(constant, "walker")
+
+
+def test_an_action_space_that_does_not_fit_is_refused() -> None:
+    with pytest.raises(CodegenError, match="3 outputs, but its action space takes 2"):
+        generate(CHOICE, "walker", action=DiscreteAction(2))
+
+
+def test_auto_takes_the_style_that_compiles_smaller() -> None:
+    rng = random.Random(3)
+    large = random_controller(rng, num_inputs=24, num_nodes=30, num_outputs=4, ternary=True, activations=["clamped"])
+    small = Controller((Input(0, 2047),), (Node((Link(0),)),), (Signal(1),))
+    for controller, expected in ((large, "table"), (small, "unrolled")):
+        sizes = {style: code_bytes(generate(controller, "w", style)) for style in ("unrolled", "table")}  # type: ignore[arg-type]
+        assert generate(controller, "w").style == expected == min(sizes, key=sizes.__getitem__)
+
+
+def test_decide_is_the_argmax_with_the_lowest_index_of_equals(tmp_path: Path) -> None:
+    code = generate(CHOICE, "w", "unrolled", action=DiscreteAction(3, start=-5))
+    (tmp_path / "w.h").write_text(code.header)
+    values = (-32767, -1, 0, 1, 32767)
+    rows = [(a, b, c) for a in values for b in values for c in values]
+    checks = ""
+    for row in rows:
+        best = max(range(3), key=row.__getitem__) - 5
+        checks += "    {{ const int16_t y[3] = {{{}, {}, {}}}; if (w_decide(y) != {}) return 1; }}\n".format(*row, best)
+    (tmp_path / "main.c").write_text(f"{code.source}\nint main(void)\n{{\n{checks}\n    return 0;\n}}\n")
+    command = [*host_compiler().command, "-std=c99", "-O2", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    subprocess.run([*command, "main.c", "-o", "t"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "t"], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("style", ["unrolled", "table"])
+def test_the_guard_takes_any_int16(tmp_path: Path, style: str) -> None:
+    guarded = generate(LEGS, "guarded", style, guard=True)  # type: ignore[arg-type]
+    plain = generate(LEGS, "plain", style)  # type: ignore[arg-type]
+    for code in (guarded, plain):
+        (tmp_path / f"{code.name}.h").write_text(code.header)
+        (tmp_path / f"{code.name}.c").write_text(code.source)
+    (tmp_path / "main.c").write_text(
+        '#include "guarded.c"\n#include "plain.c"\n'
+        "static int16_t clip(int16_t x, int16_t l) { return x > l ? l : x < -l ? (int16_t)-l : x; }\n"
+        "int main(void)\n{\n    struct guarded_state a; struct plain_state b; int16_t y[2], z[2];\n"
+        "    guarded_reset(&a); plain_reset(&b);\n"
+        "    for (long i = -32768; i < 32768; i += 7) {\n"
+        "        const int16_t x[3] = {(int16_t)i, (int16_t)-i, (int16_t)(i ^ 0x55)};\n"
+        "        const int16_t w[3] = {clip(x[0], 2047), clip(x[1], 300), clip(x[2], 32767)};\n"
+        "        guarded_step(&a, x, y); plain_step(&b, w, z);\n"
+        "        if (y[0] != z[0] || y[1] != z[1]) return 1;\n    }\n    return 0;\n}\n"
+    )
+    command = [*host_compiler().command, "-std=c99", "-O2", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    subprocess.run([*command, "main.c", "-o", "t"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "t"], check=False).returncode == 0

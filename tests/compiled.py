@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: MIT
+"""Runs controllers as compiled C in a program of their own, so that sanitizers and crashes are seen.
+
+`run_compiled` puts the generated C of many controllers in both styles, and their blobs in every encoding with the runtime,
+into one executable, feeds it input sequences, and returns what each implementation answered.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from bitneat.codegen import STYLES, generate
+from bitneat.controller import Controller
+from bitneat.controller.activation import PROGRAMS
+from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack
+from bitneat.native.compiler import host_compiler
+from bitneat.native.data import runtime_dir
+
+Signals = npt.NDArray[np.int16]
+
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror")
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g0")
+RUNTIME_SOURCES = ("interpreter", "open", "population", "reader", "validate")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A controller and its inputs: an int16 array (sequences, steps, inputs); every sequence starts from reset."""
+
+    controller: Controller
+    inputs: Signals
+
+
+def reference_outputs(case: Case) -> npt.NDArray[np.int64]:
+    """What the semantics say, an array (sequences, steps, outputs): the reference, for all sequences at once."""
+    controller, frac_bits = case.controller, case.controller.frac_bits
+    sequences, steps, _ = case.inputs.shape
+    previous = np.zeros((controller.num_signals, sequences), np.int64)
+    results = np.zeros((steps, len(controller.outputs), sequences), np.int64)
+    for step in range(steps):
+        signals = np.zeros_like(previous)
+        signals[: len(controller.inputs)] = case.inputs[:, step, :].T
+        for index, node in enumerate(controller.nodes, start=len(controller.inputs)):
+            total = np.full(sequences, node.bias, np.int64)
+            for link in node.links:
+                total += link.sign * ((previous if link.delay else signals)[link.source] << link.shift)
+            total = total << node.gain if node.gain >= 0 else total >> -node.gain
+            signals[index] = PROGRAMS[node.activation](np.clip(total, -32767, 32767), frac_bits)
+        for position, output in enumerate(controller.outputs):
+            results[step, position] = output.value if hasattr(output, "value") else signals[output.index]
+        previous = signals
+    return results.transpose(2, 0, 1)
+
+
+def run_compiled(
+    folder: Path, cases: Sequence[Case], flags: Sequence[str], *, styles: Sequence[str] = STYLES
+) -> list[dict[str, Signals]]:
+    """Compile and run; for each case what each implementation answered, arrays (sequences, steps, outputs).
+
+    Raises:
+        AssertionError: if it does not compile, or a sanitizer or the runtime's validation objects.
+    """
+    lines = ["#include <stdio.h>", '#include "bitneat/runtime.h"']
+    bodies: list[str] = []
+    names: list[list[str]] = []
+    for number, case in enumerate(cases):
+        names.append([])
+        for style in styles:
+            name = f"{style}{number}"
+            code = generate(case.controller, name, style)  # type: ignore[arg-type]
+            (folder / f"{name}.h").write_text(code.header)
+            (folder / f"{name}.c").write_text(code.source)
+            lines.append(f'#include "{name}.c"')
+            bodies.append(_generated_body(name, case, "state" in code.header and f"struct {name}_state" in code.header))
+            names[-1].append(style)
+        for encoding in ENCODINGS:
+            try:
+                blob = pack(case.controller, encoding)
+            except PackedFormatError:
+                continue
+            lines.append(f"static const uint8_t blob_{encoding}{number}[] = {{{','.join(map(str, blob))}}};")
+            bodies.append(_runtime_body(f"blob_{encoding}{number}", case))
+            names[-1].append(encoding)
+    lines += _reading(cases)
+    lines += ["int main(void)", "{", *bodies, "    return 0;", "}", ""]
+    (folder / "main.c").write_text("\n".join(lines))
+    compile_program(folder / "main.c", folder / "main", flags)
+    data = b"".join(case.inputs.astype("<i2").tobytes() for case in cases)
+    done = subprocess.run([folder / "main"], input=data, capture_output=True, check=False)
+    assert done.returncode == 0, f"exit {done.returncode}: {done.stderr.decode(errors='replace')[:2000]}"
+    return _split(done.stdout, cases, names)
+
+
+def compile_program(main: Path, program: Path, flags: Sequence[str]) -> None:
+    """Compile a source with the runtime into a program."""
+    root = runtime_dir()
+    command = [
+        *host_compiler().command,
+        "-std=c99",
+        *WARNINGS,
+        *flags,
+        f"-I{root / 'include'}",
+        f"-I{main.parent}",
+        str(main),
+        *(str(root / "src" / f"{name}.c") for name in RUNTIME_SOURCES),
+        "-o",
+        str(program),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]
+
+
+def _reading(cases: Sequence[Case]) -> list[str]:
+    """Every implementation of a case gets the same inputs: they are read once per case into one array."""
+    longest = max(case.inputs.size for case in cases)
+    return [f"static int16_t inputs[{longest}];", "static int16_t outputs[4096];"]
+
+
+def _generated_body(name: str, case: Case, has_state: bool) -> str:
+    sequences, steps, width = case.inputs.shape
+    outputs = len(case.controller.outputs)
+    first = name.startswith("unrolled")
+    read = f"if (fread(inputs, 2, {case.inputs.size}, stdin) != {case.inputs.size}) return 3;" if first else ""
+    state = f"struct {name}_state state; {name}_reset(&state);" if has_state else ""
+    argument = "&state, " if has_state else ""
+    return (
+        f"    {read}\n    for (long s = 0; s < {sequences}; s++) {{ {state}\n"
+        f"        for (long t = 0; t < {steps}; t++) {{\n"
+        f"            {name}_step({argument}inputs + (s * {steps} + t) * {width}, outputs);\n"
+        f"            fwrite(outputs, 2, {outputs}, stdout);\n        }}\n    }}"
+    )
+
+
+def _runtime_body(blob: str, case: Case) -> str:
+    sequences, steps, width = case.inputs.shape
+    outputs = len(case.controller.outputs)
+    return (
+        f"    {{ struct bn_controller c; static int16_t state[40000], workspace[40000];\n"
+        f"      if (bn_open(&c, {blob}, sizeof {blob}) != BN_OK || bn_validate(&c, workspace) != BN_OK) return 4;\n"
+        f"      for (long s = 0; s < {sequences}; s++) {{ bn_reset(&c, state);\n"
+        f"        for (long t = 0; t < {steps}; t++) {{\n"
+        f"            bn_step(&c, state, workspace, inputs + (s * {steps} + t) * {width}, outputs);\n"
+        f"            fwrite(outputs, 2, {outputs}, stdout);\n        }}\n    }} }}"
+    )
+
+
+def _split(answer: bytes, cases: Sequence[Case], names: Sequence[Sequence[str]]) -> list[dict[str, Signals]]:
+    values = np.frombuffer(answer, "<i2")
+    results = []
+    at = 0
+    for case, implementations in zip(cases, names, strict=True):
+        sequences, steps, _ = case.inputs.shape
+        shape = (sequences, steps, len(case.controller.outputs))
+        size = sequences * steps * shape[2]
+        results.append({})
+        for implementation in implementations:
+            results[-1][implementation] = values[at : at + size].reshape(shape)
+            at += size
+    assert at == values.size
+    return results
