@@ -14,6 +14,7 @@ arm-none-eabi-gcc:gcc-arm-none-eabi
 arm-none-eabi-objdump:binutils-arm-none-eabi
 avr-gcc:gcc-avr
 avr-objdump:binutils-avr
+simavr:simavr
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="
