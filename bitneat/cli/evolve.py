@@ -191,6 +191,8 @@ def _cores() -> int:
 
 
 def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
+    from bitneat.evolve.lowering import has_path
+
     result = summary(folder, outcome)
     controller, score = result["controller"], outcome.score
     if not outcome.finished:
@@ -201,3 +203,5 @@ def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
         f" {controller['packed_bytes']} bytes packed"
     )
     print(f"written: {result['champion']}")
+    if not has_path(outcome.champion.controller):
+        print("warning: the champion has no path from any input to an output; evolve longer, or with a larger population")

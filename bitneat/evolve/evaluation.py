@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Action, Controller
+from bitneat.errors import BitneatError
 from bitneat.evolve.pool import WorkerPool
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping
@@ -85,7 +86,13 @@ class EpisodeJobs:
         """The episodes of one job; the job comes from our own process, never from a file."""
         blob, seeds, shaping = job
         run = self._runner(blob)
-        return [run(seed, self._max_steps, shaping) for seed in seeds]
+        try:
+            return [run(seed, self._max_steps, shaping) for seed in seeds]
+        except BitneatError:
+            raise
+        except Exception as error:  # the environment is foreign code
+            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise BitneatError(f"environment {self._spec.id}: an episode failed: {reason}") from error
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_last": None}

@@ -117,8 +117,8 @@ def _work(connection: Connection, function: Callable[[Any], Any]) -> None:
                 answer: tuple[int, Any, str | None] = (number, function(job), None)
             except BitneatError as error:
                 answer = (number, None, str(error))
-            except Exception as error:  # the environment is foreign code
-                answer = (number, None, f"an episode failed: {type(error).__name__}: {' '.join(str(error).split())}")
+            except Exception as error:
+                answer = (number, None, f"a job failed: {type(error).__name__}: {' '.join(str(error).split())}")
             connection.send(answer)
     except (EOFError, OSError):
         pass  # the parent is gone or done with us
