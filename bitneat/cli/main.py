@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
+    "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
     "import": ("bitneat.cli.import_", "make a champion from a genome pickled by plain neat-python"),
 }
 """Name of a sub-command: its module, and its one line of help."""

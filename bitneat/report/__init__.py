@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""What people read: figures of activations, runs and controllers."""

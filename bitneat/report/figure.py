@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+"""Figures whose bytes depend on what they show and the version of Matplotlib, not on the day, the machine or its settings."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+from bitneat.errors import BitneatError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = ("svg", "png")
+
+# From Okabe and Ito's palette, which all common kinds of colour vision tell apart; lines differ in width, too.
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+VERMILION = "#D55E00"
+GREY = "#666666"
+
+
+@contextmanager
+def settings() -> Iterator[None]:
+    """Matplotlib's own defaults and ours, whatever the user has set; to be held while a figure is drawn and rendered.
+
+    Raises:
+        BitneatError: if Matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise BitneatError("plot: Matplotlib is not installed; pip install bitneat[plot]") from None
+    ours: dict[Any, Any] = {
+        "svg.hashsalt": "bitneat",
+        "font.size": 9.0,
+        "axes.titlesize": 10.0,
+        "axes.titlelocation": "left",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.edgecolor": GREY,
+        "axes.linewidth": 0.6,
+        "xtick.color": GREY,
+        "ytick.color": GREY,
+        "xtick.labelcolor": "black",
+        "ytick.labelcolor": "black",
+        "grid.color": "#dddddd",
+        "grid.linewidth": 0.5,
+        "savefig.dpi": 120.0,
+    }
+    with mpl.rc_context({**mpl.rcParamsDefault, **ours}):
+        yield
+
+
+def file_format(path: PurePath) -> str:
+    """``svg`` or ``png``, by the ending of a file's name.
+
+    Raises:
+        BitneatError: if it is another.
+    """
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in FORMATS:
+        raise BitneatError(f"{path}: expected a name that ends in {' or '.join(f'.{known}' for known in FORMATS)}")
+    return suffix
+
+
+def render(figure: Figure, file_type: str, title: str, description: str) -> bytes:
+    """The file's content; ``title`` and ``description`` go into its metadata."""
+    metadata: dict[str, str | None] = {"Title": title, "Description": description}
+    if file_type == "svg":
+        metadata |= {"Date": None, "Creator": "bitneat"}
+    else:
+        metadata |= {"Software": "bitneat"}
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=file_type, metadata=metadata)
+    return buffer.getvalue()
