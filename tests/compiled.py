@@ -7,9 +7,13 @@ into one executable, feeds it input sequences, and returns what each implementat
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +22,7 @@ import numpy.typing as npt
 from bitneat.codegen import STYLES, generate
 from bitneat.controller import Controller
 from bitneat.controller.activation import PROGRAMS
-from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack
+from bitneat.controller.packing import ENCODINGS, Layout, pack, shape_of
 from bitneat.native.compiler import host_compiler
 from bitneat.native.data import runtime_dir
 
@@ -73,17 +77,16 @@ def run_compiled(
         names.append([])
         for style in styles:
             name = f"{style}{number}"
-            code = generate(case.controller, name, style)  # type: ignore[arg-type]
+            # All decoders in turn, not just the one that is smallest.
+            encodings = _encodings(case.controller)
+            code = generate(case.controller, name, style, encoding=encodings[number % len(encodings)])  # type: ignore[arg-type]
             (folder / f"{name}.h").write_text(code.header)
             (folder / f"{name}.c").write_text(code.source)
             lines.append(f'#include "{name}.c"')
             bodies.append(_generated_body(name, case, "state" in code.header and f"struct {name}_state" in code.header))
             names[-1].append(style)
-        for encoding in ENCODINGS:
-            try:
-                blob = pack(case.controller, encoding)
-            except PackedFormatError:
-                continue
+        for encoding in _encodings(case.controller):
+            blob = pack(case.controller, encoding)
             lines.append(f"static const uint8_t blob_{encoding}{number}[] = {{{','.join(map(str, blob))}}};")
             bodies.append(_runtime_body(f"blob_{encoding}{number}", case))
             names[-1].append(encoding)
@@ -97,21 +100,30 @@ def run_compiled(
     return _split(done.stdout, cases, names)
 
 
+def _encodings(controller: Controller) -> list[str]:
+    """The encodings that can express a controller."""
+    shape = shape_of(Layout(controller.canonical))
+    return [name for name, encoding in ENCODINGS.items() if encoding.applies(shape)]
+
+
 def compile_program(main: Path, program: Path, flags: Sequence[str]) -> None:
     """Compile a source with the runtime into a program."""
-    root = runtime_dir()
-    command = [
-        *host_compiler().command,
-        "-std=c99",
-        *WARNINGS,
-        *flags,
-        f"-I{root / 'include'}",
-        f"-I{main.parent}",
-        str(main),
-        *(str(root / "src" / f"{name}.c") for name in RUNTIME_SOURCES),
-        "-o",
-        str(program),
-    ]
+    _compile([*flags, f"-I{main.parent}", str(main), *_runtime_objects(tuple(flags)), "-o", str(program)])
+
+
+@cache
+def _runtime_objects(flags: tuple[str, ...]) -> tuple[str, ...]:
+    """The runtime's objects for these flags, compiled once a process."""
+    folder = Path(tempfile.mkdtemp(prefix="bitneat-runtime-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for name in RUNTIME_SOURCES:
+        _compile([*flags, "-c", str(runtime_dir() / "src" / f"{name}.c"), "-o", str(folder / f"{name}.o")])
+    return tuple(str(folder / f"{name}.o") for name in RUNTIME_SOURCES)
+
+
+def _compile(arguments: Sequence[str]) -> None:
+    include = f"-I{runtime_dir() / 'include'}"
+    command = [*host_compiler().command, "-std=c99", *WARNINGS, include, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[:3000]
 

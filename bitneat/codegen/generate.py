@@ -58,6 +58,7 @@ def generate(
     action: Action | None = None,
     environment_id: str = "",
     header_name: str | None = None,
+    encoding: str | None = None,
 ) -> GeneratedC:
     """The header and source of a controller.
 
@@ -69,6 +70,7 @@ def generate(
         action: the environment's action space, for the header's formulas and for ``name_decide``.
         environment_id: for the header.
         header_name: what the source includes; ``name.h`` if None.
+        encoding: of the table style's blob; None for the one that, with its decoder, compiles smallest.
 
     Raises:
         CodegenError: if no input reaches an output, or the action space does not fit the outputs.
@@ -90,6 +92,7 @@ def generate(
                 action=action,
                 environment_id=environment_id,
                 header_name=header_name,
+                encoding=encoding,
             )
             for one in STYLES
         ]
@@ -111,12 +114,12 @@ def generate(
         header = header_template.render(v=interface, num_state=view.num_state, table=None)
         return GeneratedC(name, style, header_name, header, source, None, view.num_weight_bytes)
     sources = []
-    for encoding in table_encodings(canonical):
-        blob = pack_blob(canonical, encoding)
+    for candidate in [encoding] if encoding else table_encodings(canonical):
+        blob = pack_blob(canonical, candidate)
         table = table_view(interface, blob)
         source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
         header = header_template.render(v=interface, num_state=table.num_state, table=table)
-        sources.append(GeneratedC(name, style, header_name, header, source, encoding, len(blob.data)))
+        sources.append(GeneratedC(name, style, header_name, header, source, candidate, len(blob.data)))
     return min(sources, key=code_bytes) if len(sources) > 1 else sources[0]
 
 

@@ -83,7 +83,13 @@ class InterpreterView:
     @property
     def uses_cursor(self) -> bool:
         """Whether anything is read bit by bit."""
-        return self.general or self.encodings != ("bytes",) or self.bytes_use_cursor
+        return any(self.reads_bits(encoding) for encoding in self.encodings)
+
+    def reads_bits(self, encoding: str) -> bool:
+        """Whether this encoding's nodes are read bit by bit; of trits just the fields are, if there are any."""
+        if encoding == "bytes":
+            return self.bytes_use_cursor
+        return encoding != "trits" or self.has_fields or self.has_general_bias
 
     @cached_property
     def helpers(self) -> frozenset[str]:

@@ -59,7 +59,7 @@ def run_on_avr(folder: Path, controllers: list[Controller], style: str, level: s
         timeout=120,
         check=False,
     )
-    found = re.search(r"[PF]{%d}" % len(controllers), done.stdout + done.stderr)
+    found = re.search(f"[PF]{{{len(controllers)}}}", done.stdout + done.stderr)
     assert found, (done.stdout + done.stderr)[-500:]
     return found.group()
 
