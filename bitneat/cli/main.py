@@ -34,6 +34,8 @@ _BROKEN_PIPE = 128 + signal.SIGPIPE
 COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
+    "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
+    "size": ("bitneat.cli.size", "say what a champion takes: links, packed bytes, flash, RAM and stack"),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
     "import": ("bitneat.cli.import_", "make a champion from a genome pickled by plain neat-python"),

@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat verify``: compare generated C with its champion, bit for bit, in the simulator's loop."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.columns import columns
+from bitneat.cli.size import add_targets, target_names
+from bitneat.errors import BitneatError
+
+if TYPE_CHECKING:
+    from bitneat.champion import Champion
+    from bitneat.verify.campaign import FaultResult
+    from bitneat.verify.cfile import CFile
+    from bitneat.verify.check import Report, Settings
+    from bitneat.verify.loop import Episode, Progress
+    from bitneat.verify.targets import ReadyTarget
+
+HELP = "compare generated C with its champion, bit for bit, in the simulator's loop"
+EXAMPLE = """\
+  bitneat verify                                     ./champion.pkl and the C generated for it
+  bitneat verify champion.pkl --c walker.c --episodes 20 --json verify.json
+  bitneat verify champion.pkl --inject-fault 7       plant a fault: must fail"""
+
+REQUIRED_CAUGHT = 0.9
+"""The part of a campaign's faults that must make verify fail."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is to be verified, and how."""
+
+    args: argparse.Namespace
+    champion: Champion
+    code: CFile
+    handed_out: bool
+    targets: list[ReadyTarget]
+    settings: Settings
+    progress: Progress
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``verify``."""
+    parser.add_argument(
+        "champion", nargs="?", type=Path, default=Path("champion.pkl"), help="default: champion.pkl in this folder"
+    )
+    parser.add_argument(
+        "--c", metavar="FILE.c", type=Path, help="the generated source (default: found by its fingerprint)"
+    )
+    parser.add_argument(
+        "--episodes", metavar="N", type=whole_number(1, 100_000), default=5, help="episodes (default 5)"
+    )
+    parser.add_argument(
+        "--seed", metavar="S", type=whole_number(0, 2**31 - 1), default=0, help="seed of the first episode (default 0)"
+    )
+    add_targets(parser)
+    parser.add_argument("--hardcore", action="store_true", help="run BipedalWalkerHardcore-v3 (2000 steps) instead")
+    faults = parser.add_mutually_exclusive_group()
+    faults.add_argument(
+        "--inject-fault",
+        metavar="N",
+        type=whole_number(0),
+        help="flip one bit in a copy of the C, the N-th, and verify that",
+    )
+    faults.add_argument(
+        "--fault-campaign", metavar="COUNT", type=whole_number(1), help="then judge the faults 0 to COUNT-1, too"
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Verify, print, and say by the exit status whether it holds."""
+    from bitneat.champion import load
+    from bitneat.files import write_json
+    from bitneat.verify.check import HARDCORE, Settings
+    from bitneat.verify.targets import select
+
+    champion = load(args.champion)
+    names = target_names(args.targets)
+    settings = Settings(
+        episodes=args.episodes,
+        seed=args.seed,
+        environment=HARDCORE if args.hardcore else None,
+        record=args.fault_campaign is not None,
+    )
+    with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
+        code, handed_out = _code(args, champion, Path(folder))
+        if args.inject_fault is not None and names is None:
+            names = _targets_of_style(code)
+        with _progress() as progress:
+            job = _Job(args, champion, code, handed_out, select(names), settings, progress)
+            data, passed = _verify(job) if args.inject_fault is None else _verify_fault(job)
+    if args.json is not None:
+        write_json(args.json, data)
+    return 0 if passed else 1
+
+
+def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[CFile, bool]:
+    """The file to judge, and whether it is one that was handed out; says which it is."""
+    from bitneat.codegen import generate
+    from bitneat.verify.cfile import CFile, c_name_for, find
+
+    if args.c is not None:
+        return CFile.read(args.c), True
+    found = find(champion, args.champion, (args.champion.parent, Path.cwd()))
+    if found.matching:
+        first, *others = found.matching
+        if others:
+            names = ", ".join(str(code.path) for code in others)
+            print(f"also generated for this controller, not checked now: {names}")
+        return first, True
+    if found.stale is not None:
+        return found.stale, True
+    code = generate(
+        champion.controller,
+        c_name_for(args.champion),
+        action=champion.action,
+        environment_id=champion.environment.id if champion.environment else "",
+    )
+    print(f"no generated C for this controller beside {args.champion} or here: generated it for this check alone")
+    return CFile.write(code, folder), False
+
+
+def _targets_of_style(code: CFile) -> list[str]:
+    """The host in the style of the file: a fault in it is seen nowhere else."""
+    return [f"host-{code.style}"]
+
+
+def _verify(job: _Job) -> tuple[dict[str, Any], bool]:
+    from bitneat.verify.check import verify
+
+    print(f"checking {_title(job.code, job.handed_out)} against {job.args.champion}", flush=True)
+    report = verify(job.champion, job.code, job.targets, job.settings, handed_out=job.handed_out, progress=job.progress)
+    print(render(report))
+    data = report.to_data()
+    if job.args.fault_campaign is None or not report.passed:
+        return data, report.passed
+    data["faults"], passed = _campaign(job.champion, job.code, report, job.args.fault_campaign)
+    return data, passed
+
+
+def _verify_fault(job: _Job) -> tuple[dict[str, Any], bool]:
+    from bitneat.verify.campaign import verify_fault
+    from bitneat.verify.check import stale_claims
+
+    stale = stale_claims(job.champion, job.code)
+    if stale:
+        raise BitneatError(f"--inject-fault: wants a file that is right: {stale[0]}")
+    number = job.args.inject_fault
+    fault, report = verify_fault(job.champion, job.code, number, job.targets, job.settings, progress=job.progress)
+    report = replace(report, handed_out=job.handed_out)
+    print(f"planted fault {number} in a copy of {_title(job.code, job.handed_out)}: {fault}")
+    print(render(report))
+    if report.passed:
+        print("the fault changed nothing that was compared; --fault-campaign tells equivalent ones from unreached ones")
+    return {**report.to_data(), "fault": {"number": number, **fault.to_data()}}, report.passed
+
+
+def _campaign(champion: Champion, code: CFile, report: Report, count: int) -> tuple[dict[str, Any], bool]:
+    from bitneat.native.compiler import host_compiler
+    from bitneat.verify.campaign import run_campaign
+
+    assert report.loop is not None
+    results = []
+    for result in run_campaign(champion, code, report.loop.episodes, host_compiler(), count):
+        results.append(result)
+        print(f"fault {result.number} of {count}: {_fate(result)}", flush=True)
+    caught = [result for result in results if result.caught]
+    ways = {
+        way: sum(result.outcome == way for result in caught) for way in ("loop", "vectors", "crash", "table", "compile")
+    }
+    parts = ", ".join(f"{number} by {_WAYS[way]}" for way, number in ways.items() if number)
+    passed = len(caught) >= REQUIRED_CAUGHT * count
+    print(
+        f"{'PASS' if passed else 'FAIL'} {len(caught)} of {count} planted faults make verify fail ({parts or 'none'});"
+        f" expected {REQUIRED_CAUGHT:.0%} or more"
+    )
+    return {
+        "count": count,
+        "caught": len(caught),
+        "caught_by": ways,
+        "results": [result.to_data() for result in results],
+    }, passed
+
+
+_WAYS = {
+    "loop": "an output in the loop",
+    "vectors": "an output on the vectors",
+    "crash": "a crash",
+    "table": "the table alone",
+    "compile": "the compiler",
+}
+
+
+def _fate(result: FaultResult) -> str:
+    text = f"{result.fault}: {'caught by ' + _WAYS[result.outcome] if result.caught else 'SURVIVED'}: {result.detail}"
+    if result.counterexample is not None:
+        text += f" ({', '.join(map(str, result.counterexample))})"
+    return text
+
+
+def _title(code: CFile, handed_out: bool) -> str:
+    return f"{code.path if handed_out else code.path.name} (style {code.style})"
+
+
+def render(report: Report) -> str:
+    """The report as text, the verdict last."""
+    from bitneat.verify.check import VECTORS
+
+    lines = [f"warning: {warning}" for warning in report.warnings]
+    data = report.to_data()
+    if report.loop is not None:
+        reward = data["reward"]
+        lines.append(
+            f"{report.environment_id}: {data['episodes']} episodes, {data['steps']} steps, reward {reward['mean']:.1f} ± "
+            f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); then {VECTORS} vectors of the whole domain"
+        )
+        lines += _render_inputs(data)
+        rows = [
+            (
+                entry["name"],
+                entry["style"],
+                entry["steps_compared"],
+                entry["mismatches"],
+                entry["flash_bytes"],
+                entry["ram_bytes"],
+                entry["stack_bytes"],
+                entry["compiler"],
+            )
+            for entry in data["targets"]
+        ]
+        lines.append(columns(("target", "style", "steps", "mismatches", "flash", "RAM", "stack", "compiler"), rows))
+    name = report.code.path if report.handed_out else report.code.path.name
+    if report.passed:
+        ran = sum(entry["steps_compared"] is not None for entry in data["targets"])
+        lines.append(
+            f"PASS {name}: equal to the reference in every output bit of {data['steps']} steps on {ran} targets"
+        )
+    else:
+        lines += [f"failure: {failure}" for failure in report.failures[1:]]
+        lines.append(f"FAIL {report.failures[0]}")
+    return "\n".join(lines)
+
+
+def _render_inputs(data: dict[str, Any]) -> list[str]:
+    """The inputs that were clipped; --json has all of them."""
+    clipped = [(i, entry) for i, entry in enumerate(data["inputs"]) if entry["clipped"]]
+    saturated = f"saturated outputs: {data['saturated_outputs']}"
+    if not clipped:
+        return [f"no observation was beyond its input's limit; {saturated}"]
+    rows = [(i, _number(entry["min"]), _number(entry["max"]), entry["clipped"]) for i, entry in clipped]
+    return [columns(("clipped input", "min", "max", "steps"), rows), saturated]
+
+
+def _number(value: float | None) -> str:
+    return "infinite" if value is None else f"{value:.4g}"
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar on a terminal, a line an episode elsewhere; both on stderr."""
+    if not sys.stderr.isatty():
+
+        def line(done: int, total: int, episode: Episode) -> None:
+            text = f"episode {done} of {total}: seed {episode.seed}, {episode.steps} steps, reward {episode.reward:.1f}"
+            print(text, file=sys.stderr, flush=True)
+
+        yield line
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
+    with Bar(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("episodes", total=None)
+
+        def advance(done: int, total: int, episode: Episode) -> None:
+            bar.update(
+                task, completed=done, total=total, description=f"seed {episode.seed}: reward {episode.reward:.1f}"
+            )
+
+        yield advance

@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: MIT
+"""Does the generated C do what the controller does? `docs/verification.md` says what is checked and how.
+
+`bitneat.verify.check.verify` is the way in. Nothing is imported here, so that the small processes which run the C under test
+start quickly.
+"""

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: MIT
+"""What a compiler made of a C file: its size, its stack, and whether it kept what the C promises.
+
+A compiler may turn masks into branches, shifts into a multiplication and a loop into a call of memcpy, so the promises are
+checked on the object, not on the source.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from elftools.elf.constants import SH_FLAGS
+from elftools.elf.elffile import ELFFile
+from elftools.elf.sections import Section, SymbolTableSection
+
+from bitneat.codegen import Style
+from bitneat.errors import BitneatError
+from bitneat.native.build import compile_object
+from bitneat.native.compiler import Compiler
+from bitneat.native.elf import measure
+from bitneat.verify.cfile import CFile
+
+InstructionSet = Literal["thumb"]
+
+OBJECT_FLAGS = ("-std=c99", "-Os", "-ffreestanding", "-fno-stack-protector")
+
+# What ARMv6-M, or any Thumb, has of multiplication and division, by the start of the mnemonic.
+_MULTIPLIES = ("mul", "mla", "mls", "smul", "smla", "smml", "smu", "umul", "umla", "umaal", "sdiv", "udiv")
+_THUMB_CONDITIONS = ("eq", "ne", "hs", "cs", "lo", "cc", "mi", "pl", "vs", "vc", "hi", "ls", "ge", "lt", "gt", "le")
+_THUMB_BRANCHES = frozenset({"cbz", "cbnz", "tbb", "tbh", *(f"b{condition}" for condition in _THUMB_CONDITIONS)})
+
+
+@dataclass(frozen=True, slots=True)
+class Toolchain:
+    """A compiler set up for a target.
+
+    Args:
+        compiler: which.
+        flags: what makes it compile for the target, beyond `OBJECT_FLAGS`.
+        instructions: the instruction set whose code can be looked into, or None.
+    """
+
+    compiler: Compiler
+    flags: tuple[str, ...] = ()
+    instructions: InstructionSet | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What the object of a C file takes, and the promises it breaks.
+
+    ``flash`` is code and constants; ``ram`` is what must be kept between steps, static data (none) and the caller's state;
+    ``stack`` is the deepest chain of calls from ``name_step``, None where the compiler does not say.
+    """
+
+    flash: int
+    ram: int
+    stack: int | None
+    violations: tuple[str, ...]
+
+
+def examine(code: CFile, toolchain: Toolchain) -> Examination:
+    """Compile a C file as firmware would, and look at the object.
+
+    Raises:
+        CompilerError: if the compiler refuses the file.
+    """
+    with tempfile.TemporaryDirectory(prefix="bitneat-") as name:
+        folder = Path(name)
+        out = folder / "code.o"
+        flags = [*toolchain.flags, *OBJECT_FLAGS]
+        if toolchain.compiler.family == "gcc":
+            flags.append("-fcallgraph-info=su")
+        compile_object(code.path, toolchain.compiler, flags, out)
+        footprint = measure(out)
+        violations = [*_broken_promises(out)]
+        if toolchain.instructions == "thumb":
+            violations += _thumb_violations(out, code.style)
+        graphs = list(folder.glob("*.ci"))
+        stack = stack_depth(graphs[0].read_text(errors="replace"), f"{code.name}_step") if graphs else None
+    return Examination(
+        flash=footprint.flash,
+        ram=footprint.ram + 2 * (code.num_state or 0),
+        stack=stack,
+        violations=tuple(violations),
+    )
+
+
+def _broken_promises(path: Path) -> Iterator[str]:
+    """Static data that can be written, and names from elsewhere: a libc's or a compiler's support library."""
+    with path.open("rb") as file:
+        elf = ELFFile(file)
+        for section in elf.iter_sections():
+            flags = section["sh_flags"]
+            if flags & SH_FLAGS.SHF_ALLOC and flags & SH_FLAGS.SHF_WRITE and section["sh_size"]:
+                yield f"{section['sh_size']} bytes of static data in {section.name}, expected none"
+        names = {
+            symbol.name
+            for table in elf.iter_sections()
+            if isinstance(table, SymbolTableSection)
+            for symbol in table.iter_symbols()
+            if symbol["st_shndx"] == "SHN_UNDEF" and symbol.name
+        }
+    for symbol_name in sorted(names):
+        yield f"needs {symbol_name} from elsewhere, expected to need nothing"
+
+
+def _thumb_violations(path: Path, style: Style) -> Iterator[str]:
+    """Multiplications and divisions, and in the unrolled style conditional branches."""
+    with path.open("rb") as file:
+        elf = ELFFile(file)
+        for index, section in enumerate(elf.iter_sections()):
+            if section["sh_flags"] & SH_FLAGS.SHF_EXECINSTR and section["sh_size"]:
+                for address, mnemonic, operands in _thumb_instructions(section, _code_ranges(elf, index, section)):
+                    plain = mnemonic.removesuffix(".w").removesuffix(".n")
+                    if plain.startswith(_MULTIPLIES):
+                        what = "a multiplication or division"
+                    elif style == "unrolled" and plain in _THUMB_BRANCHES:
+                        what = "a conditional branch"
+                    else:
+                        continue
+                    yield f"{section.name}+{address:#x}: {mnemonic} {operands} is {what}"
+
+
+def _code_ranges(elf: ELFFile, index: int, section: Section) -> list[tuple[int, int]]:
+    """Where code lies between the constants of a section, by ARM's mapping symbols $t (Thumb) and $d (data)."""
+    marks = sorted(
+        (int(symbol["st_value"]), symbol.name[:2])
+        for table in elf.iter_sections()
+        if isinstance(table, SymbolTableSection)
+        for symbol in table.iter_symbols()
+        if symbol["st_shndx"] == index and symbol.name[:2] in ("$t", "$d")
+    )
+    ends = [start for start, _ in marks[1:]] + [int(section["sh_size"])]
+    return [(start, end) for (start, kind), end in zip(marks, ends, strict=True) if kind == "$t"]
+
+
+def _thumb_instructions(section: Section, ranges: list[tuple[int, int]]) -> Iterator[tuple[int, str, str]]:
+    import capstone  # here, as the small processes of `child` import this package too
+
+    decoder = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
+    data = section.data()
+    for start, end in ranges:
+        reached = start
+        for address, size, mnemonic, operands in decoder.disasm_lite(data[start:end], start):
+            yield address, mnemonic, operands
+            reached = address + size
+        if reached != end:
+            raise BitneatError(f"{section.name}+{reached:#x}: cannot disassemble the compiled code")
+
+
+_GRAPH_NODE = re.compile(r'^node: \{ title: "([^"]*)" label: "[^"]*?(?:\\n(\d+) bytes \((\w+)[^"]*)?"', re.MULTILINE)
+_GRAPH_EDGE = re.compile(r'^edge: \{ sourcename: "([^"]*)" targetname: "([^"]*)"', re.MULTILINE)
+
+
+def stack_depth(graph: str, root: str) -> int | None:
+    """The deepest stack of a function with all it calls, from gcc's call graph (``-fcallgraph-info=su``).
+
+    None where that cannot be told: a call out of the file, a recursion, a frame of varying size.
+    """
+    frames = {
+        title: int(size) if size and kind == "static" else None for title, size, kind in _GRAPH_NODE.findall(graph)
+    }
+    calls: dict[str, set[str]] = {}
+    for source, target in _GRAPH_EDGE.findall(graph):
+        calls.setdefault(source, set()).add(target)
+
+    def depth(function: str, above: tuple[str, ...]) -> int | None:
+        own = frames.get(function)
+        if own is None or function in above:
+            return None
+        deepest = 0
+        for callee in calls.get(function, ()):
+            below = depth(callee, (*above, function))
+            if below is None:
+                return None
+            deepest = max(deepest, below)
+        return own + deepest
+
+    return depth(root, ())
