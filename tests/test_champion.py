@@ -29,7 +29,13 @@ def champion() -> Champion:
         controller,
         BoxAction((-2.0,), (2.0,), (1,), "float32"),
         EnvironmentSpec("Pendulum-v1", {"g": 9.81}, ("module",)),
-        {"seed": 3, "held_out": {"mean": -150.25, "first_seed": 1}, "config": "[evolve]\n", "none": None, "list": [True]},
+        {
+            "seed": 3,
+            "held_out": {"mean": -150.25, "first_seed": 1},
+            "config": "[evolve]\n",
+            "none": None,
+            "list": [True],
+        },
     )
 
 
@@ -89,7 +95,7 @@ def test_a_pickle_that_would_run_a_command_is_refused_and_runs_nothing(tmp_path:
     ],
 )
 def test_opcodes_that_plain_data_does_not_need_are_refused(content: bytes) -> None:
-    with pytest.raises(BitneatError, match="refused|damaged"):
+    with pytest.raises(BitneatError, match=r"refused|damaged"):
         champions.loads(content)
 
 
@@ -109,7 +115,17 @@ def test_a_champion_of_a_later_version_is_refused(champion: Champion) -> None:
 
 
 @pytest.mark.parametrize(
-    "data", [[], {}, {"format": "other"}, "text", None, 7, {"format": champions.FORMAT}, {"format": champions.FORMAT, "version": 1}]
+    "data",
+    [
+        [],
+        {},
+        {"format": "other"},
+        "text",
+        None,
+        7,
+        {"format": champions.FORMAT},
+        {"format": champions.FORMAT, "version": 1},
+    ],
 )
 def test_foreign_files_are_refused(data: object) -> None:
     with pytest.raises(BitneatError):

@@ -115,7 +115,7 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     max_steps = episode_limit(settings.config, settings.environment, info)
     if args.resume is None:
         folder.create(settings)
-    elif args.generations is not None or args.time is not None:
+    elif (args.config, args.generations, args.time) != (None, None, None):
         folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
@@ -151,7 +151,13 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
     from dataclasses import replace
 
+    from bitneat.evolve.config import load
+    from bitneat.evolve.run import Stage
+
     settings = folder.settings()
+    if args.config is not None:
+        stage = Stage(folder.generations(), settings.config.text)
+        settings = replace(settings, config=load(args.config), earlier=(*settings.earlier, stage))
     config = _with_generations(settings.config, args.generations)
     return replace(settings, config=config, seconds=settings.seconds if args.time is None else args.time)
 
@@ -162,7 +168,7 @@ def _with_generations(config: Config, generations: int | None) -> Config:
 
 def _refuse_other_settings(args: argparse.Namespace) -> None:
     given = {
-        "--env": args.env, "--env-arg": args.env_arg, "--import": args.imports, "--config": args.config, "--pop": args.pop,
+        "--env": args.env, "--env-arg": args.env_arg, "--import": args.imports, "--pop": args.pop,
         "--seed": args.seed, "-o": args.output,
     }  # fmt: skip
     for option, value in given.items():
@@ -204,4 +210,6 @@ def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
     )
     print(f"written: {result['champion']}")
     if not has_path(outcome.champion.controller):
-        print("warning: the champion has no path from any input to an output; evolve longer, or with a larger population")
+        print(
+            "warning: the champion has no path from any input to an output; evolve longer, or with a larger population"
+        )

@@ -132,6 +132,7 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "input_scales": Series((), *SCALE_RANGE, auto=True),
         "input_limits": Series((), 1, SIGNAL_MAX, auto=True),
         "max_steps": Whole(0, 0, 10_000_000),
+        "search_steps": Whole(0, 0, 10_000_000),
         "race_episodes": Series((1, 4, 16), 1, 10_000, rising=1),
         "race_fractions": Series((1.0, 0.25, 0.05), 1e-6, 1.0, whole=False, rising=-1),
         "selection_episodes": Whole(16, 1, 100_000),

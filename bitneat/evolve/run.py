@@ -40,6 +40,19 @@ _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
 
 
 @dataclass(frozen=True)
+class Stage:
+    """A configuration that a run had before it was given another."""
+
+    generations: int
+    """Generations completed when the next configuration took over."""
+    config: str
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {"generations": self.generations, "config": self.config}
+
+
+@dataclass(frozen=True)
 class RunSettings:
     """What was asked for: everything that decides the result, and the time limit, which may cut it short."""
 
@@ -47,6 +60,7 @@ class RunSettings:
     config: Config
     seed: int
     seconds: float | None = None
+    earlier: tuple[Stage, ...] = ()
 
     def to_data(self) -> dict[str, Any]:
         """As plain data; the configuration has its own file."""
@@ -56,6 +70,7 @@ class RunSettings:
             "environment": self.environment.to_data(),
             "seed": self.seed,
             "seconds": self.seconds,
+            "earlier": [stage.to_data() for stage in self.earlier],
         }
 
 
@@ -106,11 +121,17 @@ class RunFolder:
         try:
             spec = environment_from_data(data["environment"])
             seed, seconds = data["seed"], data["seconds"]
-        except (KeyError, BitneatError) as error:
+            earlier = tuple(Stage(int(stage["generations"]), str(stage["config"])) for stage in data["earlier"])
+        except (KeyError, TypeError, ValueError, BitneatError) as error:
             raise BitneatError(f"{self.path / 'run.json'}: damaged: {error}") from None
         if type(seed) is not int or not (seconds is None or isinstance(seconds, (int, float))):
             raise BitneatError(f"{self.path / 'run.json'}: damaged: seed or seconds is no number")
-        return RunSettings(spec, config, seed, seconds)
+        return RunSettings(spec, config, seed, seconds, earlier)
+
+    def generations(self) -> int:
+        """Generations completed, according to the last checkpoint."""
+        checkpoints = self._checkpoints()
+        return checkpoints[-1][0] if checkpoints else 0
 
     def save_checkpoint(self, search: Search) -> None:
         """Write the checkpoint of the generations completed, then drop all but the last two."""
@@ -180,6 +201,7 @@ def carry_on(
     started = time.monotonic()
     search = Search(settings.config, settings.environment, info, settings.seed)
     folder.restore(search)
+    folder.save_history(search)  # the run may have died between a checkpoint and its history
     generations = settings.config["evolve"]["generations"]
     progress.start(search, generations, settings.seconds)
     best: Candidate | None = None
@@ -215,6 +237,7 @@ def _champion(
         "tool": f"bitneat {__version__}",
         "packages": _packages(),
         "config": settings.config.text,
+        "earlier": [stage.to_data() for stage in settings.earlier],
         "seed": settings.seed,
         "generation": candidate.generation,
         "generations": search.generation,

@@ -187,6 +187,7 @@ class Search:
             fall_value=settings["fall_value_start"]
             + done * (settings["fall_value_end"] - settings["fall_value_start"]),
             finish_bonus=settings["finish_bonus"],
+            max_steps=settings["search_steps"],
             stall_steps=settings["stall_steps"],
             stall_gain=settings["stall_gain"],
         )

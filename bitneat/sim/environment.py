@@ -73,13 +73,14 @@ class Shaping:
     """How the search's reward differs from the official one. The defaults change nothing.
 
     A terminal step whose reward is exactly ``fall_reward`` is a fall and counts ``fall_value`` instead. Ending in any other
-    way adds ``finish_bonus`` times the part of the time limit that was left. An episode stops when for ``stall_steps`` steps
-    the total has not risen by ``stall_gain``.
+    way adds ``finish_bonus`` times the part of the time limit that was left. An episode stops after ``max_steps`` steps, or
+    when for ``stall_steps`` steps the total has not risen by ``stall_gain``; a 0 turns either off.
     """
 
     fall_reward: float = math.nan
     fall_value: float = 0.0
     finish_bonus: float = 0.0
+    max_steps: int = 0
     stall_steps: int = 0
     stall_gain: float = 0.0
 
@@ -245,6 +246,7 @@ class EpisodeRunner:
         encoded = np.empty(factor.shape)
         signals = np.empty(factor.shape, dtype=np.int16)
         environment_step, policy_step, decode = environment.step, self._policy.step, self._decode
+        max_steps = min(max_steps, shaping.max_steps or max_steps)
         stall_steps = shaping.stall_steps or max_steps
         total = best = last = 0.0
         best_step = steps = 0

@@ -140,7 +140,9 @@ def test_a_child_undergoes_the_same_number_of_mutations_whatever_its_size() -> N
 
 def test_limits_on_nodes_and_links_hold() -> None:
     random.seed(6)
-    config = make_config("[BitGenome]\nmax_nodes = 6\nmax_links = 9\nmutate_split = 50\nmutate_path = 50\nmutate_add_link = 50\n")
+    config = make_config(
+        "[BitGenome]\nmax_nodes = 6\nmax_links = 9\nmutate_split = 50\nmutate_path = 50\nmutate_add_link = 50\n"
+    )
     genome = make_genome(config)
     for _ in range(300):
         genome.mutate(config)

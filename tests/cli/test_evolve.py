@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat evolve`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import tests.sim.strange  # noqa: F401 - registers environments
+from bitneat import champion as champions
+from bitneat.cli.main import main
+
+TINY = """
+[evolve]
+race_episodes = 1 2
+race_fractions = 1 0.3
+selection_episodes = 1
+final_episodes = 2
+report_episodes = 2
+finalists = 2
+max_steps = 50
+[NEAT]
+pop_size = 8
+"""
+ENVIRONMENTS = (
+    "BipedalWalker-v3",
+    "BipedalWalkerHardcore-v3",
+    "LunarLander-v3",
+    "CartPole-v1",
+    "Acrobot-v1",
+    "Pendulum-v1",
+    "MountainCarContinuous-v0",
+)
+
+
+@pytest.fixture
+def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    Path("tiny.ini").write_text(TINY)
+    return "tiny.ini"
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_every_supported_environment_evolves(tiny: str, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "--env",
+        name,
+        "--config",
+        tiny,
+        "--generations",
+        "2",
+        "--workers",
+        "1",
+        "-o",
+        "run",
+        "--json",
+        "out.json",
+    ]
+    assert main(["evolve", *arguments]) == 0
+    champion = champions.load("run/champion.pkl")
+    assert champion.environment is not None
+    assert champion.environment.id == name
+    assert champion.controller.is_ternary
+    result = json.loads(Path("out.json").read_text())
+    assert result["controller"]["sha256"] == champion.controller.sha256
+    assert result["held_out"]["mean"] == champion.provenance["held_out"]["mean"]
+    captured = capsys.readouterr()
+    assert captured.err.count("\ngeneration ") == 2
+    assert "2 held-out episodes" in captured.out
+    assert not Path("champion.pkl").exists()
+
+
+def test_without_a_folder_the_champion_is_copied_to_the_current_one(tiny: str) -> None:
+    assert (
+        main(
+            ["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "1", "--seed", "3", "--workers", "1"]
+        )
+        == 0
+    )
+    assert Path("champion.pkl").read_bytes() == Path("runs/CartPole-v1-3/champion.pkl").read_bytes()
+
+
+def test_environment_arguments_reach_the_environment_and_the_champion(tiny: str) -> None:
+    arguments = ["--env", "BipedalWalker-v3", "--env-arg", "hardcore=true", "--config", tiny, "--generations", "1"]
+    assert main(["evolve", *arguments, "--workers", "1", "-o", "run"]) == 0
+    environment = champions.load("run/champion.pkl").environment
+    assert environment is not None
+    assert environment.kwargs == {"hardcore": True}
+
+
+def test_a_module_that_registers_an_environment_is_imported_by_workers_too(tiny: str) -> None:
+    arguments = ["--env", "bitneat/Matrix-v0", "--import", "tests.sim.strange", "--config", tiny, "--generations", "1"]
+    assert main(["evolve", *arguments, "--workers", "2", "-o", "run"]) == 0
+
+
+def test_a_run_can_be_made_longer(tiny: str) -> None:
+    common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]
+    assert main(["evolve", *common, "--generations", "2", "-o", "short"]) == 0
+    assert main(["evolve", "--resume", "short", "--generations", "3", "--workers", "1"]) == 0
+    assert main(["evolve", *common, "--generations", "3", "-o", "long"]) == 0
+    assert Path("short/champion.pkl").read_bytes() == Path("long/champion.pkl").read_bytes()
+
+
+def test_a_run_can_go_on_under_another_configuration_and_records_both(tiny: str) -> None:
+    Path("next.ini").write_text(TINY + "[BitReproduction]\ncrossover = 0.5\n")
+    assert (
+        main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "2", "--workers", "1", "-o", "run"])
+        == 0
+    )
+    first = Path("run/config.ini").read_text()
+    arguments = ["--resume", "run", "--config", "next.ini", "--generations", "3", "--workers", "1"]
+    assert main(["evolve", *arguments]) == 0
+    provenance = champions.load("run/champion.pkl").provenance
+    assert provenance["earlier"] == [{"generations": 2, "config": first}]
+    assert "crossover = 0.5" in provenance["config"]
+    content = Path("run/champion.pkl").read_bytes()
+    assert main(["evolve", "--resume", "run", "--workers", "1"]) == 0
+    assert Path("run/champion.pkl").read_bytes() == content
+
+
+def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
+    tiny: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--env", "CartPole-v1", "--config", tiny, "--generations", "100000", "--time", "0.5", "--workers", "1"]
+    assert main(["evolve", *arguments, "-o", "run"]) == 0
+    captured = capsys.readouterr()
+    assert "cannot be reproduced" in captured.err
+    assert "stopped by --time" in captured.out
+    assert champions.load("run/champion.pkl").provenance["reproducible"] is False
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--env", "NoSuch-v0"], "environment NoSuch-v0"),
+        (["--env", "bitneat/Dict-v0"], "Dict space, expected a Box"),
+        (["--env", "bitneat/Image-v0"], "an image of shape"),
+        (["--env", "bitneat/Endless-v0", "--config", "default"], "has no time limit; set [evolve] max_steps"),
+        (["--env", "bitneat/Failing-v0"], "an episode failed: RuntimeError: the wheels came off"),
+        (["--env", "bitneat/NaN-v0"], "holds a NaN"),
+        (["--env", "CartPole-v1", "--env-arg", "wings=2"], "environment CartPole-v1: "),
+        (["--env-arg", "hardcore"], "--env-arg hardcore: expected NAME=VALUE"),
+        (["--import", "no_such_module"], "--import no_such_module"),
+        (["--config", "none.ini"], "none.ini: neither a file nor a preset"),
+        (["--pop", "1"], "--pop"),
+        (["--generations", "0"], "--generations"),
+        (["--time", "-1"], "--time -1.0: expected"),
+        (["--workers", "0"], "--workers"),
+        (["--seed", "-1"], "--seed"),
+        (["--resume", "nowhere"], "--resume nowhere: holds no run"),
+        (["--resume", "nowhere", "--seed", "3"], "--seed: not with --resume"),
+        (["-o", "tiny.ini"], "tiny.ini"),
+        (["-o", "/proc/run"], "/proc/run: cannot be made"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_status_2(
+    tiny: str, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    defaults = [] if "--config" in arguments or "--resume" in arguments else ["--config", tiny]
+    limit = [] if "--resume" in arguments or "--generations" in arguments else ["--generations", "1"]
+    workers = [] if "--workers" in arguments else ["--workers", "1"]
+    assert main(["evolve", *arguments, *defaults, *limit, *workers]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert message in errors[-1]
+    assert not [line for line in errors if "Traceback" in line]
+
+
+def test_an_existing_run_is_not_overwritten(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "evolve",
+        "--env",
+        "CartPole-v1",
+        "--config",
+        tiny,
+        "--generations",
+        "1",
+        "--workers",
+        "1",
+        "-o",
+        "run",
+    ]
+    assert main(arguments) == 0
+    before = Path("run/champion.pkl").read_bytes()
+    assert main(arguments) == 2
+    assert "continue it with --resume run" in capsys.readouterr().err
+    assert Path("run/champion.pkl").read_bytes() == before

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: MIT
+"""Genomes of plain neat-python: what can be expressed computes the same, what cannot is refused by name."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import neat
+import pytest
+
+from bitneat import champion as champions
+from bitneat.cli.main import main
+from bitneat.controller import Input, Reference
+from bitneat.errors import BitneatError
+from bitneat.evolve.importing import NeatShape, convert, read_genome, read_shape, signed_digits
+
+CONFIG = """
+[NEAT]
+fitness_criterion = max
+fitness_threshold = 1
+pop_size = 2
+reset_on_extinction = False
+no_fitness_termination = False
+[DefaultGenome]
+num_inputs = 3
+num_outputs = 2
+num_hidden = 2
+feed_forward = True
+initial_connection = full_direct
+conn_add_prob = 0.5
+conn_delete_prob = 0.2
+node_add_prob = 0.5
+node_delete_prob = 0.1
+compatibility_disjoint_coefficient = 1.0
+compatibility_weight_coefficient = 1.0
+bias_init_mean = 0.0
+bias_init_stdev = 1.0
+bias_max_value = 3
+bias_min_value = -3
+bias_mutate_power = 1
+bias_mutate_rate = 0.5
+bias_replace_rate = 0.1
+response_init_mean = 1.0
+response_init_stdev = 0.0
+response_max_value = 1
+response_min_value = 1
+response_mutate_power = 0
+response_mutate_rate = 0
+response_replace_rate = 0
+weight_init_mean = 0.0
+weight_init_stdev = 1.0
+weight_max_value = 30
+weight_min_value = -30
+weight_mutate_power = 1
+weight_mutate_rate = 0.5
+weight_replace_rate = 0.1
+enabled_default = True
+enabled_mutate_rate = 0.05
+activation_default = clamped
+activation_options = clamped
+activation_mutate_rate = 0
+aggregation_default = sum
+aggregation_options = sum
+aggregation_mutate_rate = 0
+[DefaultSpeciesSet]
+compatibility_threshold = 3
+[DefaultStagnation]
+species_fitness_func = max
+max_stagnation = 5
+species_elitism = 1
+[DefaultReproduction]
+elitism = 1
+survival_threshold = 0.2
+min_species_size = 1
+"""
+SHAPE = NeatShape(3, 2)
+LARGEST = 32767 / 4096
+INPUTS = (Input(), Input(), Input())
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> Path:
+    path = tmp_path / "neat.ini"
+    path.write_text(CONFIG)
+    return path
+
+
+def make(config_file: Path, seed: int):  # type: ignore[no-untyped-def]
+    """A genome with structure from neat-python's own mutations, and integer weights and biases."""
+    config = neat.Config(
+        neat.DefaultGenome, neat.DefaultReproduction, neat.DefaultSpeciesSet, neat.DefaultStagnation, str(config_file)
+    )
+    random.seed(seed)
+    config.genome_config.innovation_tracker = neat.InnovationTracker()
+    genome = neat.DefaultGenome(1)
+    genome.configure_new(config.genome_config)
+    for _ in range(6):
+        genome.mutate(config.genome_config)
+    for link in genome.connections.values():
+        link.weight = float(random.randint(-9, 9))
+    for key, node in genome.nodes.items():
+        node.bias = float(random.randint(-2, 2))
+        node.response = random.choice([0.5, 1.0, 1.0, 0.25])
+        # A hidden signal that saturates where neat-python's goes on would make any difference in what follows.
+        node.activation = random.choice(["identity", "relu", "abs"] if key < 2 else ["clamped", "hat"])
+    return genome, config
+
+
+def test_integer_genomes_compute_what_neat_python_computes(config_file: Path) -> None:
+    for seed in range(60):
+        genome, config = make(config_file, seed)
+        controller = convert(genome, SHAPE, INPUTS, 12)
+        network = neat.nn.FeedForwardNetwork.create(genome, config)
+        reference = Reference(controller)
+        # Responses below 1 lose bits of a signal, each node at most one unit, which later weights may amplify.
+        for _ in range(10):
+            values = [random.randint(-256, 256) for _ in range(3)]
+            expected = network.activate([value / 4096 for value in values])
+            found = [y / 4096 for y in reference.step(values)]
+            assert found == pytest.approx([max(-LARGEST, min(LARGEST, y)) for y in expected], abs=0.08), f"seed {seed}"
+
+
+def test_signed_digits_are_canonical() -> None:
+    for value in range(-600, 601):
+        digits = signed_digits(value)
+        assert sum(sign << shift if sign > 0 else -(1 << shift) for sign, shift in digits) == value
+        shifts = [shift for _, shift in digits]
+        assert all(b - a >= 2 for a, b in pairwise(shifts))
+
+
+def change(genome: object, part: str, **values: object) -> object:
+    gene = next(iter(getattr(genome, part).values()))
+    vars(gene).update(values)
+    return genome
+
+
+@pytest.mark.parametrize(
+    ("part", "values", "message"),
+    [
+        ("connections", {"weight": 0.37}, r"weight is 0\.37, not an integer; make it one with `bitneat quantize`"),
+        ("connections", {"weight": float("nan")}, "weight is nan, expected an integer"),
+        ("connections", {"weight": "1"}, "weight is '1'"),
+        ("connections", {"weight": 1000.0}, "weight 1000 is too large for shifts"),
+        ("nodes", {"bias": 0.5}, r"bias is 0\.5, not an integer"),
+        ("nodes", {"response": 3.0}, "response 3 is not a power of two"),
+        ("nodes", {"response": -1.0}, r"response is -1\.0, expected a power of two"),
+        ("nodes", {"response": 2.0**9}, "response 512 is not a power of two from"),
+        ("nodes", {"activation": "softplus"}, "activation 'softplus' is not one of"),
+        ("nodes", {"aggregation": "product"}, "aggregation 'product'"),
+    ],
+)
+def test_what_cannot_be_expressed_is_said(
+    config_file: Path, part: str, values: dict[str, object], message: str
+) -> None:
+    genome, _ = make(config_file, 3)
+    for link in genome.connections.values():
+        link.enabled = True
+    with pytest.raises(BitneatError, match=message):
+        convert(change(genome, part, **values), SHAPE, INPUTS, 8)
+
+
+def test_a_genome_without_a_path_is_refused(config_file: Path) -> None:
+    genome, _ = make(config_file, 3)
+    genome.connections = {}
+    with pytest.raises(BitneatError, match="no path from any input to an output"):
+        convert(genome, SHAPE, INPUTS, 8)
+
+
+class Payload:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, (str(self.path),)
+
+
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
+def test_a_genome_pickle_is_read_without_running_anything(tmp_path: Path, config_file: Path, protocol: int) -> None:
+    genome, _ = make(config_file, 1)
+    path = tmp_path / "winner.pkl"
+    path.write_bytes(pickle.dumps(genome, protocol))
+    read = read_genome(path)
+    assert type(read).__module__ == "bitneat.evolve.importing"
+    assert set(read.nodes) == set(genome.nodes)
+    canary = tmp_path / "canary"
+    genome.payload = Payload(canary)
+    path.write_bytes(pickle.dumps(genome, protocol))
+    with pytest.raises(BitneatError, match=r"winner\.pkl: refused: the pickle names posix\.mkdir"):
+        read_genome(path)
+    assert not canary.exists()
+
+
+def test_files_that_hold_no_genome_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "winner.pkl"
+    for content, message in ((b"", "damaged"), (pickle.dumps([1]), "holds a list"), (b"\x80\x04junk", "damaged")):
+        path.write_bytes(content)
+        with pytest.raises(BitneatError, match=message):
+            read_genome(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("num_inputs = 3", "num_inputs = x", r"\[DefaultGenome\] num_inputs: expected an integer"),
+        ("num_outputs = 2", "", r"num_outputs: expected an integer"),
+        ("feed_forward = True", "feed_forward = False", "recurrent networks cannot be imported"),
+        ("[DefaultGenome]", "[MyGenome]", r"missing section \[DefaultGenome\]"),
+    ],
+)
+def test_a_configuration_that_does_not_fit_is_refused(config_file: Path, old: str, new: str, message: str) -> None:
+    config_file.write_text(CONFIG.replace(old, new))
+    with pytest.raises(BitneatError, match=message):
+        read_shape(config_file)
+
+
+def test_the_command_writes_a_champion(tmp_path: Path, config_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    genome, _ = make(config_file, 5)
+    (tmp_path / "winner.pkl").write_bytes(pickle.dumps(genome))
+    output = tmp_path / "champion.pkl"
+    arguments = ["import", str(tmp_path / "winner.pkl"), "--config", str(config_file), "-o", str(output)]
+    assert main(arguments) == 0
+    assert "links" in capsys.readouterr().out
+    champion = champions.load(output)
+    assert champion.environment is None
+    assert champion.controller == convert(genome, SHAPE, INPUTS, 8)
+    assert main([*arguments, "--env", "CartPole-v1"]) == 2
+    assert "CartPole-v1 needs 4 and 2" in capsys.readouterr().err

@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: MIT
+"""Runs: what they leave behind, and that neither workers nor interruptions change the result."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bitneat import champion as champions
+from bitneat import files
+from bitneat.champion import EnvironmentSpec
+from bitneat.errors import BitneatError
+from bitneat.evolve.config import parse
+from bitneat.evolve.evaluation import GymnasiumEvaluator
+from bitneat.evolve.progress import PlainProgress
+from bitneat.evolve.run import Outcome, RunFolder, RunSettings, carry_on
+from bitneat.evolve.search import Search, episode_limit
+from bitneat.runtime import RuntimeController
+from bitneat.sim.environment import EpisodeRunner, inspect
+
+SMALL = """
+[evolve]
+generations = 4
+race_episodes = 1 2
+race_fractions = 1 0.3
+selection_episodes = 2
+final_episodes = 3
+report_episodes = 3
+finalists = 2
+max_steps = 60
+[NEAT]
+pop_size = 14
+[BitGenome]
+mutate_bias = 1
+mutate_delay = 0.5
+"""
+
+
+class Silent:
+    def write(self, text: str) -> int:
+        return len(text)
+
+    def flush(self) -> None:
+        pass
+
+
+def settings_for(name: str = "CartPole-v1", text: str = SMALL, seed: int = 5) -> RunSettings:
+    return RunSettings(EnvironmentSpec(name), parse(text, "test"), seed)
+
+
+def evolve(folder: RunFolder, settings: RunSettings, workers: int = 1, *, new: bool = True) -> Outcome:
+    if new:
+        folder.create(settings)
+    info = inspect(settings.environment)
+    max_steps = episode_limit(settings.config, settings.environment, info)
+    evaluator = GymnasiumEvaluator(settings.environment, info.action, max_steps, workers)
+    try:
+        return carry_on(folder, settings, info, evaluator, PlainProgress(Silent()))  # type: ignore[arg-type]
+    finally:
+        evaluator.close()
+
+
+def test_a_run_folder_holds_configuration_history_checkpoints_champion_and_report(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    settings = settings_for()
+    outcome = evolve(folder, settings)
+    assert parse((folder.path / "config.ini").read_text(), "config.ini").text == settings.config.text
+    rows = list(csv.DictReader((folder.path / "history.csv").open()))
+    assert [int(row["generation"]) for row in rows] == [0, 1, 2, 3]
+    names = sorted(entry.name for entry in (folder.path / "checkpoints").iterdir())
+    assert names == ["generation-000003.json", "generation-000004.json"]
+    assert champions.load(folder.champion_pickle) == champions.load(folder.path / "champion.json") == outcome.champion
+    report = json.loads((folder.path / "report.json").read_text())
+    assert report["held_out"]["first_seed"] == 2**30 + 2**28
+    assert not [entry for entry in folder.path.rglob("*") if entry.name.endswith(".tmp")]
+
+
+def test_the_reported_score_is_what_the_champion_does_on_the_report_seeds(tmp_path: Path) -> None:
+    outcome = evolve(RunFolder(tmp_path / "run"), settings_for())
+    champion = outcome.champion
+    assert champion.environment is not None
+    run = EpisodeRunner(
+        champion.environment, champion.controller, champion.action, RuntimeController(champion.controller)
+    )
+    first = champion.provenance["held_out"]["first_seed"]
+    rewards = [run(first + i, champion.provenance["max_steps"]).reward for i in range(3)]
+    assert sum(rewards) / 3 == champion.provenance["held_out"]["mean"]
+
+
+@pytest.mark.parametrize("name", ["CartPole-v1", "BipedalWalker-v3"])
+def test_the_champion_does_not_depend_on_workers_or_simulator(tmp_path: Path, name: str) -> None:
+    contents = set()
+    for workers in (1, 2, 3):
+        folder = RunFolder(tmp_path / f"run{workers}")
+        evolve(folder, settings_for(name), workers)
+        contents.add(folder.champion_pickle.read_bytes())
+    assert len(contents) == 1
+
+
+def test_another_seed_gives_another_run(tmp_path: Path) -> None:
+    histories = []
+    for seed in (1, 2):
+        folder = RunFolder(tmp_path / f"run{seed}")
+        evolve(folder, settings_for(seed=seed))
+        histories.append((folder.path / "history.csv").read_text())
+    assert histories[0] != histories[1]
+
+
+def stop_after(generations: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupt the run once that many checkpoints are written."""
+    save = RunFolder.save_checkpoint
+
+    def stop(self: RunFolder, search: Search) -> None:
+        save(self, search)
+        if search.generation == generations:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunFolder, "save_checkpoint", stop)
+
+
+@pytest.mark.parametrize("generation", [1, 2, 3, 4])
+def test_a_run_stopped_after_any_generation_resumes_to_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, generation: int
+) -> None:
+    whole, stopped = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "stopped")
+    evolve(whole, settings_for())
+    with monkeypatch.context() as patch:
+        stop_after(generation, patch)
+        with pytest.raises(KeyboardInterrupt):
+            evolve(stopped, settings_for())
+    evolve(stopped, stopped.settings(), new=False)
+    for name in ("champion.pkl", "champion.json", "history.csv", "report.json", "checkpoints/generation-000004.json"):
+        assert (stopped.path / name).read_bytes() == (whole.path / name).read_bytes(), name
+
+
+def test_a_finished_run_resumes_to_the_same_champion(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    evolve(folder, settings_for())
+    before = folder.champion_pickle.read_bytes()
+    evolve(folder, folder.settings(), new=False)
+    assert folder.champion_pickle.read_bytes() == before
+
+
+def test_a_checkpoint_restores_to_itself(tmp_path: Path) -> None:
+    settings = settings_for()
+    info = inspect(settings.environment)
+    search = Search(settings.config, settings.environment, info, 5)
+    evaluator = GymnasiumEvaluator(settings.environment, info.action, 60, 1)
+    search.advance(evaluator)
+    data = json.loads(json.dumps(search.to_data()))
+    other = Search(settings.config, settings.environment, info, 99)
+    other.restore(data)
+    assert json.loads(json.dumps(other.to_data())) == data
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert process.poll() is None, "the run ended too soon"
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def start(*arguments: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "bitneat", "evolve", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def alive(session: int) -> bool:
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rsplit(")", 1)[1].split()
+            except OSError:
+                continue
+            if int(fields[3]) == session and fields[0] != "Z":
+                return True
+    return False
+
+
+def assert_all_gone(session: int) -> None:
+    """Workers and multiprocessing's own tracker notice within moments that their parent has ended."""
+    deadline = time.monotonic() + 20
+    while alive(session):
+        assert time.monotonic() < deadline, "a process outlives its run"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def config_file(tmp_path: Path) -> str:
+    path = tmp_path / "small.ini"
+    path.write_text(SMALL.replace("max_steps = 60", "max_steps = 120"))
+    return str(path)
+
+
+def test_a_killed_run_resumes_to_the_same_bytes_and_leaves_no_process(tmp_path: Path, config_file: str) -> None:
+    common = ["--env", "BipedalWalker-v3", "--config", config_file, "--seed", "7", "--workers", "2"]
+    whole = start(*common, "-o", str(tmp_path / "whole"))
+    assert whole.wait(120) == 0
+    killed = start(*common, "-o", str(tmp_path / "killed"))
+    checkpoint = tmp_path / "killed" / "checkpoints" / "generation-000002.json"
+    wait_for(checkpoint.exists, killed)
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    assert_all_gone(killed.pid)
+    resumed = start("--resume", str(tmp_path / "killed"), "--workers", "1")
+    assert resumed.wait(120) == 0
+    assert (tmp_path / "killed/champion.pkl").read_bytes() == (tmp_path / "whole/champion.pkl").read_bytes()
+
+
+def test_an_interrupt_stops_cleanly_keeps_the_checkpoint_and_says_how_to_continue(
+    tmp_path: Path, config_file: str
+) -> None:
+    run = tmp_path / "run"
+    process = start(
+        "--env", "BipedalWalker-v3", "--config", config_file, "--generations", "500", "--workers", "2", "-o", str(run)
+    )
+    wait_for((run / "checkpoints" / "generation-000001.json").exists, process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Traceback" not in errors
+    assert b"--resume" in errors
+    assert list((run / "checkpoints").glob("generation-*.json"))
+    assert_all_gone(process.pid)
+
+
+def test_a_full_disk_at_a_checkpoint_keeps_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = RunFolder(tmp_path / "run")
+    real = os.fsync
+
+    def full(descriptor: int) -> None:
+        if "generation-000003" in str(Path(f"/proc/self/fd/{descriptor}").readlink()):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        real(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files.os, "fsync", full)
+        with pytest.raises(BitneatError, match=r"generation-000003\.json: cannot write: No space left"):
+            evolve(folder, settings_for())
+    assert sorted(entry.name for entry in (folder.path / "checkpoints").iterdir()) == [
+        "generation-000001.json",
+        "generation-000002.json",
+    ]
+    whole = RunFolder(tmp_path / "whole")
+    evolve(whole, settings_for())
+    evolve(folder, folder.settings(), new=False)
+    assert folder.champion_pickle.read_bytes() == whole.champion_pickle.read_bytes()
+
+
+def test_damaged_and_foreign_run_folders_are_refused(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    with pytest.raises(BitneatError, match=r"holds no run: run\.json is missing"):
+        folder.settings()
+    evolve(folder, settings_for())
+    checkpoint = folder.path / "checkpoints" / "generation-000004.json"
+    good = checkpoint.read_text()
+    for bad, message in (
+        (good[: len(good) // 2], "damaged"),
+        ("[]", "expected 'format'"),
+        (good.replace('"version":1', '"version":2'), "version 2"),
+        (good.replace('"next_node"', '"nxt_node"'), "damaged: KeyError"),
+        (good.replace('"population":[[', '"population":[[7,'), "damaged"),
+    ):
+        checkpoint.write_text(bad)
+        with pytest.raises(BitneatError, match=message) as caught:
+            evolve(folder, folder.settings(), new=False)
+        assert "generation-000004.json" in str(caught.value)
+    (folder.path / "run.json").write_text('{"format": "bitneat-run", "version": 1}')
+    with pytest.raises(BitneatError, match=r"run\.json: damaged"):
+        folder.settings()
+
+
+def test_a_second_run_in_the_same_folder_is_refused_with_a_hint(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    folder.create(settings_for())
+    with pytest.raises(BitneatError, match="holds a run already; continue it with --resume"):
+        folder.create(settings_for())
+
+
+def test_duplicates_are_evaluated_once_and_rank_last() -> None:
+    settings = settings_for(text=SMALL.replace("mutate_bias = 1", "initial_links = 0\nmutate_gain = 0"))
+    info = inspect(settings.environment)
+    search = Search(settings.config, settings.environment, info, 1)
+    evaluator = GymnasiumEvaluator(settings.environment, info.action, 60, 1)
+    row = search.advance(evaluator)
+    assert row.duplicates > 0
+    assert row.episodes < 2 * 14
