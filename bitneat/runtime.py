@@ -25,6 +25,9 @@ from bitneat.native.data import runtime_dir
 RUNTIME_ENCODING = "bytes"
 """The encoding that the interpreter reads fastest; how a blob is encoded changes no output."""
 
+MAX_LANES = 64
+"""BN_MAX_LANES of the C: how many steps of a controller without state are taken at once."""
+
 _FLAGS = ("-std=c99", "-O3", "-march=native")
 _ERRORS = {
     -1: "ends too early or has bytes left over",
@@ -151,7 +154,7 @@ class Population:
         ffi = _ffi()
         self._blobs = [OpenBlob(pack(controller, encoding)) for controller in controllers]
         self._states = [ffi.new("int16_t[]", max(blob.num_state, 1)) for blob in self._blobs]
-        self._workspace = ffi.new("int16_t[]", max(blob.workspace_length for blob in self._blobs))
+        self._workspace = ffi.new("int16_t[]", MAX_LANES * max(blob.workspace_length for blob in self._blobs))
         self._jobs = ffi.new("struct bn_job[]", len(self._blobs))
         for job, blob, state in zip(self._jobs, self._blobs, self._states, strict=True):
             job.controller = blob.pointer

@@ -455,6 +455,142 @@ static uint16_t bn_slot_of(const struct bn_controller *c, uint32_t signal)
     return (uint16_t)(signal < c->num_inputs ? signal : signal - c->num_inputs + c->first_node);
 }
 
+/* A node's gain, saturation and activation for every lane; the dispatch stands outside the loops, which vectorize. */
+static void bn_respond_lanes(const struct bn_controller *c, unsigned fields, size_t lanes, uint32_t *sums,
+                             int16_t *node)
+{
+    const int gain = c->min_gain + (int)(fields >> c->activation_bits);
+    const unsigned f = c->frac_bits;
+    for (size_t lane = 0; lane < lanes && gain > 0; lane++) {
+        sums[lane] <<= (unsigned)gain;
+    }
+    for (size_t lane = 0; lane < lanes && gain < 0; lane++) {
+        sums[lane] = bn_floor_shift(sums[lane], (unsigned)-gain);
+    }
+    for (size_t lane = 0; lane < lanes; lane++) {
+        sums[lane] = bn_clip_wide(sums[lane], 32767U);
+    }
+    switch (c->activations[fields & ((1U << c->activation_bits) - 1U)]) {
+    case 1:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_clamped(sum, f));
+        }
+        break;
+    case 2:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_relu(sum));
+        }
+        break;
+    case 3:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_abs(sum));
+        }
+        break;
+    case 4:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_hat(sum, f));
+        }
+        break;
+    case 5:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_step(sum, f));
+        }
+        break;
+    case 6:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_tanh(sum, f));
+        }
+        break;
+    case 7:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_sigmoid(sum, f));
+        }
+        break;
+    case 8:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_sin(sum, f));
+        }
+        break;
+    case 9:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(bn_act_gauss(sum, f));
+        }
+        break;
+    default:
+        for (size_t lane = 0; lane < lanes; lane++) {
+            const uint32_t sum = sums[lane];
+            node[lane] = bn_signal(sum);
+        }
+        break;
+    }
+}
+
+void bn_run_lanes(const struct bn_controller *c, size_t lanes, int16_t *workspace)
+{
+    struct bn_cursor at = {c->body, 0};
+    const unsigned record_bits = 8U * c->record_bytes;
+    const unsigned shift_mask = c->has_shifts ? 7U : 0U;
+    const uint32_t slot_mask = c->slot_mask;
+    const unsigned field_bits = (unsigned)(c->activation_bits + c->gain_bits);
+    const unsigned bias_width = c->bias_width;
+    const uint32_t bias_sign = bias_width == 0 ? 0 : UINT32_C(1) << (bias_width - 1U);
+    for (size_t lane = 0; lane < lanes; lane++) {
+        if (c->bias_mode == BN_BIAS_TERNARY) {
+            workspace[c->num_inputs * lanes + lane] = (int16_t)(1 << c->frac_bits);
+        }
+        if (c->has_empty) {
+            workspace[(c->first_delayed - 1) * lanes + lane] = 0;
+        }
+    }
+    for (uint16_t slot = c->first_node; slot < c->num_slots; slot++) {
+        const unsigned fields = (unsigned)bn_take(&at, field_bits);
+        const uint32_t bias = (bn_take(&at, bias_width) ^ bias_sign) - bias_sign;
+        const uint8_t *next = at.next + (at.bit != 0);
+        uint32_t sums[BN_MAX_LANES];
+        uint32_t record;
+        for (size_t lane = 0; lane < lanes; lane++) {
+            sums[lane] = bias;
+        }
+        do {
+            record = *next++;
+            if (record_bits > 8) {
+                record |= (uint32_t)*next++ << 8;
+            }
+            if (record_bits > 16) {
+                record |= (uint32_t)*next++ << 16;
+            }
+            const int16_t *source = workspace + (record & slot_mask) * lanes;
+            const unsigned shift = (unsigned)(record >> (record_bits - 5U)) & shift_mask;
+            const uint32_t sign = 0U - ((record >> (record_bits - 2U)) & 1U);
+            for (size_t lane = 0; lane < lanes; lane++) {
+                sums[lane] += (((uint32_t)(int32_t)source[lane] << shift) ^ sign) - sign;
+            }
+        } while ((record >> (record_bits - 1U)) == 0);
+        at.next = next;
+        at.bit = 0;
+        bn_respond_lanes(c, fields, lanes, sums, workspace + (size_t)slot * lanes);
+    }
+    struct bn_cursor output = {c->blob + (c->outputs_at >> 3), (unsigned)(c->outputs_at & 7U)};
+    for (uint16_t i = 0; c->has_map && i < c->num_outputs; i++) {
+        int16_t *to = workspace + (size_t)(c->num_slots + i) * lanes;
+        const int constant = bn_take(&output, 1) != 0;
+        const uint32_t value = bn_take(&output, constant ? 16U : c->signal_width);
+        for (size_t lane = 0; lane < lanes; lane++) {
+            to[lane] = constant ? bn_signal((value ^ 0x8000U) - 0x8000U)
+                                : workspace[(size_t)bn_slot_of(c, value) * lanes + lane];
+        }
+    }
+}
+
 static void bn_map_outputs(const struct bn_controller *c, int16_t *workspace)
 {
     struct bn_cursor at = {c->blob + (c->outputs_at >> 3), (unsigned)(c->outputs_at & 7U)};

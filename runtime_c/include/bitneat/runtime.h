@@ -87,6 +87,12 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace);
 void bn_step(const struct bn_controller *c, int16_t *state, int16_t *workspace, const int16_t *observation,
              int16_t *action);
 
+enum { BN_MAX_LANES = 64 };
+
+/* A step for several input vectors at once: workspace[slot * lanes + lane]. 1. The blob is valid, its encoding is 0 (bytes), and it
+ * has no state. 2. `lanes` is 1..BN_MAX_LANES. 3. `workspace` has c->workspace_length * lanes values. Otherwise as bn_run. */
+void bn_run_lanes(const struct bn_controller *c, size_t lanes, int16_t *workspace);
+
 /* Work for bn_population_step: `steps` successive steps of one controller. */
 struct bn_job {
     const struct bn_controller *controller;
@@ -96,8 +102,8 @@ struct bn_job {
     size_t steps;
 };
 
-/* Steps many controllers in one call. 1. Each job meets the contract of bn_step. 2. `workspace` is long enough for every
- * controller; it is shared, as nothing in it outlives a step. */
+/* Steps many controllers in one call. 1. Each job meets the contract of bn_step. 2. `workspace` has BN_MAX_LANES times the
+ * longest workspace_length; it is shared, as nothing in it outlives a step. Controllers without state take many steps at a time. */
 void bn_population_step(const struct bn_job *jobs, size_t num_jobs, int16_t *workspace);
 
 #ifdef __cplusplus
