@@ -213,7 +213,7 @@ class _Draft:
     def substitute(self, reader: int, link: Link, terms: Iterable[Link] | None, bias: int) -> bool:
         """Replace one link of a node by other links and a bias; None stands for links that cannot be."""
         node = self.node(reader)
-        if terms is None or link not in node.links:
+        if terms is None:
             return False
         signs = {(other.source, other.delay, other.shift): other.sign for other in node.links if other != link}
         for term in terms:

@@ -137,6 +137,10 @@ class TestDelayedLinks:
         controller = single(Node((Link(1, delay=1),), bias=1, activation="identity"), 1)
         assert intervals(controller).signals[1] == (1, 32767)
 
+    def test_one_that_only_falls_keeps_its_upper_bound(self) -> None:
+        controller = single(Node((Link(1, delay=1),), bias=-1, activation="identity"), 1)
+        assert intervals(controller).signals[1] == (-32767, -1)
+
     def test_widening_is_taken_back_behind_the_loop(self) -> None:
         # The integrator saturates at One; what reads it is bounded by One again, not by 32767.
         integrator = Node((Link(0), Link(1, delay=1)), activation="clamped")

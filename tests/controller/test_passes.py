@@ -108,6 +108,9 @@ class TestFoldConstants:
         case = build([node, squash(Link(1), Link(2))], 3, limits=(1, 100), frac_bits=4)
         assert case.is_ternary
         assert_leaves_alone(fold_constants, case)
+        one = build([Node((Link(0),), 256, 0, "step"), sums(Link(1), Link(2), bias=256)], 3)
+        assert one.is_ternary
+        assert_leaves_alone(fold_constants, one)  # else the reader's bias would be 2
         alone = build([node], 2, limits=(1, 100), frac_bits=4)
         assert_rewrites(fold_constants, alone, build([], Constant(15), limits=(1, 100), frac_bits=4))
 
@@ -170,8 +173,9 @@ class TestForwardCopies:
     def test_a_delay_of_two_steps_needs_its_node(self) -> None:
         assert_leaves_alone(forward_copies, build([sums(Link(0, PREVIOUS)), squash(Link(2, PREVIOUS))], 3))
 
-    def test_an_output_cannot_name_a_delayed_or_negated_signal(self) -> None:
-        assert_leaves_alone(forward_copies, build([sums(Link(0, PREVIOUS)), sums(Link(0, sign=-1))], 2, 3))
+    def test_an_output_cannot_name_a_delayed_negated_or_shifted_signal(self) -> None:
+        nodes = [sums(Link(0, PREVIOUS)), sums(Link(0, sign=-1)), sums(Link(0, shift=1)), sums(Link(0), gain=1)]
+        assert_leaves_alone(forward_copies, build(nodes, 2, 3, 4, 5))
 
     def test_a_negated_copy_flips_the_sign_of_its_readers(self) -> None:
         original = build([sums(Link(0, sign=-1)), squash(Link(2), Link(1)), squash(Link(2, sign=-1))], 3, 4)
@@ -305,6 +309,9 @@ class TestComposeGains:
         original = build([sums(Link(0), Link(1), gain=-2), squash(Link(2, PREVIOUS), gain=-1)], 3)
         expected = build([squash(Link(0, PREVIOUS), Link(1, PREVIOUS), gain=-3)], 2)
         assert_rewrites(compose_gains, original, expected)
+
+    def test_a_delayed_reader_cannot_take_a_bias(self) -> None:
+        assert_leaves_alone(compose_gains, build([sums(Link(0), bias=8, gain=1), squash(Link(2, PREVIOUS), gain=1)], 3))
 
     def test_gains_beyond_seven_do_not_fit(self) -> None:
         assert_leaves_alone(compose_gains, build([sums(Link(0), gain=4), squash(Link(2), gain=4)], 3, limits=(1, 1)))
