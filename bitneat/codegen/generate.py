@@ -6,6 +6,7 @@ from __future__ import annotations
 import random
 import re
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -82,22 +83,6 @@ def generate(
     if all(isinstance(output, Constant) for output in canonical.outputs):
         raise CodegenError("controller: no path from any input to an output, nothing to generate")
     _check_action(canonical, action)
-    if style == "auto":
-        candidates = [
-            generate(
-                controller,
-                name,
-                one,
-                guard=guard,
-                action=action,
-                environment_id=environment_id,
-                header_name=header_name,
-                encoding=encoding,
-            )
-            for one in STYLES
-        ]
-        return min(candidates, key=code_bytes)
-    header_name = header_name or f"{name}.h"
     interface = Interface(
         name=name,
         controller=canonical,
@@ -107,20 +92,38 @@ def generate(
         guard=guard,
         version=__version__,
     )
-    header_template = environment().get_template("header.h.j2")
-    if style == "unrolled":
-        view = unrolled_view(interface, optimize(canonical))
-        source = environment().get_template("unrolled.c.j2").render(v=interface, u=view, header=header_name)
-        header = header_template.render(v=interface, num_state=view.num_state, table=None)
-        return GeneratedC(name, style, header_name, header, source, None, view.num_weight_bytes)
-    sources = []
-    for candidate in [encoding] if encoding else table_encodings(canonical):
-        blob = pack_blob(canonical, candidate)
-        table = table_view(interface, blob)
-        source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
-        header = header_template.render(v=interface, num_state=table.num_state, table=table)
-        sources.append(GeneratedC(name, style, header_name, header, source, candidate, len(blob.data)))
-    return min(sources, key=code_bytes) if len(sources) > 1 else sources[0]
+    header_name = header_name or f"{name}.h"
+    candidates = []
+    if style != "table":
+        candidates.append(_unrolled(interface, header_name))
+    if style != "unrolled":
+        encodings = [encoding] if encoding else table_encodings(canonical)
+        candidates += [_table(interface, header_name, one) for one in encodings]
+    return _smallest(candidates)
+
+
+def _unrolled(interface: Interface, header_name: str) -> GeneratedC:
+    view = unrolled_view(interface, optimize(interface.controller))
+    source = environment().get_template("unrolled.c.j2").render(v=interface, u=view, header=header_name)
+    header = environment().get_template("header.h.j2").render(v=interface, num_state=view.num_state, table=None)
+    return GeneratedC(interface.name, "unrolled", header_name, header, source, None, view.num_weight_bytes)
+
+
+def _table(interface: Interface, header_name: str, encoding: str) -> GeneratedC:
+    blob = pack_blob(interface.controller, encoding)
+    table = table_view(interface, blob)
+    source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
+    header = environment().get_template("header.h.j2").render(v=interface, num_state=table.num_state, table=table)
+    return GeneratedC(interface.name, "table", header_name, header, source, encoding, len(blob.data))
+
+
+def _smallest(candidates: list[GeneratedC]) -> GeneratedC:
+    """The one that compiles to the fewest bytes, the first of equals; what stands alone is not compiled."""
+    if len(candidates) == 1:
+        return candidates[0]
+    with ThreadPoolExecutor() as pool:
+        sizes = list(pool.map(code_bytes, candidates))
+    return candidates[sizes.index(min(sizes))]
 
 
 DECODER_BYTES = {"bytes": 0, "planes": 90, "two_bits": 60, "trits": 60, "rice": 130}

@@ -7,6 +7,7 @@ from functools import cache
 
 import jinja2
 
+from bitneat.native.build import cache_dir
 from bitneat.native.data import templates_dir
 
 
@@ -21,6 +22,8 @@ def environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,
+        # Compiled templates are kept beside compiled C, under a hash of their source.
+        bytecode_cache=jinja2.FileSystemBytecodeCache(str(cache_dir())),
     )
     result.filters["lines"] = lambda text: text.rstrip("\n")
     return result

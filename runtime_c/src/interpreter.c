@@ -303,7 +303,7 @@ static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
 {
     struct bn_cursor at = {c->body, 0};
     const unsigned record_bits = 8U * c->record_bytes;
-    const int has_shifts = c->has_shifts;
+    const unsigned shift_mask = c->has_shifts ? 7U : 0U;
     int16_t *node = signals + c->first_node;
     int16_t *const end = signals + c->num_slots;
     while (node != end) {
@@ -320,7 +320,8 @@ static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
             if (record_bits > 16) {
                 record |= (uint32_t)bn_byte(next++) << 16;
             }
-            const uint32_t x = (uint32_t)(int32_t)signals[record & c->slot_mask] << ((record >> (record_bits - 5U)) & (has_shifts ? 7U : 0U));
+            const unsigned shift = (unsigned)(record >> (record_bits - 5U)) & shift_mask;
+            const uint32_t x = (uint32_t)(int32_t)signals[record & c->slot_mask] << shift;
             const uint32_t sign = 0U - ((record >> (record_bits - 2U)) & 1U);
             sum += (x ^ sign) - sign;
         } while ((record >> (record_bits - 1U)) == 0);
@@ -400,7 +401,8 @@ static void bn_nodes_two_bits(const struct bn_controller *c, int16_t *signals)
 static void bn_nodes_trits(const struct bn_controller *c, int16_t *signals)
 {
     struct bn_cursor at = {c->body, 0};
-    const uint8_t *next = c->body + ((c->num_nodes * (uint32_t)(c->activation_bits + c->gain_bits + c->bias_width) + 7U) >> 3);
+    const uint32_t node_bits = (uint32_t)(c->activation_bits + c->gain_bits + c->bias_width);
+    const uint8_t *next = c->body + ((c->num_nodes * node_bits + 7U) >> 3);
     uint_fast8_t trits = 0;
     uint_fast8_t place = 0;
     int16_t *node = signals + c->first_node;
@@ -431,8 +433,8 @@ static void bn_nodes_trits(const struct bn_controller *c, int16_t *signals)
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_small(const struct bn_controller *c, int16_t *signals)
 {
-    const uint8_t *next = c->body;
     const int has_fields = c->activation_bits + c->gain_bits != 0;
+    const uint8_t *next = c->body;
     int16_t *node = signals + c->first_node;
     int16_t *const end = signals + c->num_slots;
     while (node != end) {

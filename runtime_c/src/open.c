@@ -107,8 +107,7 @@ enum bn_status bn_open(struct bn_controller *c, const uint8_t *blob, size_t size
     c->has_empty = (uint8_t)bn_read(&reader, 1);
     c->has_map = (uint8_t)bn_read(&reader, 1);
     const int has_classes = bn_read(&reader, 1) != 0;
-    if (c->encoding >= BN_NUM_ENCODINGS || c->bias_mode > BN_BIAS_GENERAL ||
-        (c->has_shifts && c->encoding > BN_RICE)) {
+    if (c->encoding >= BN_NUM_ENCODINGS || c->bias_mode > BN_BIAS_GENERAL || (c->has_shifts && c->encoding > BN_RICE)) {
         return BN_ERROR_VERSION;
     }
     c->num_inputs = bn_read_count(&reader, BN_MAX_SIGNALS);
