@@ -190,6 +190,7 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "survival_threshold": Real(0.25, 0.001, 1.0),
         "crossover": Real(0.15, 0.0, 1.0),
         "min_species_size": Whole(2, 1, 1000),
+        "species_decay": Real(0.6, 0.01, 1.0),
         "tournament": Whole(2, 1, 100),
     },
 }

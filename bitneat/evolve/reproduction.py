@@ -61,7 +61,7 @@ class NoStagnation:
 
 
 class BitReproduction(DefaultReproduction):  # type: ignore[misc]
-    """Elites of the population, then children of each species in proportion to its mean rank."""
+    """Elites of the population, then children of each species, fewer by ``species_decay`` from one place to the next."""
 
     def __init__(self, config: Any, reporters: Any, stagnation: Any) -> None:
         super().__init__(config, reporters, stagnation)
@@ -84,9 +84,10 @@ class BitReproduction(DefaultReproduction):  # type: ignore[misc]
         config.genome_config.innovation_tracker = self.innovation_tracker
         self.innovation_tracker.reset_generation()
         groups = [group for _, group, _ in self.stagnation.update(species, generation)]
-        for group in groups:
-            group.adjusted_fitness = sum(m.fitness for m in group.members.values()) / len(group.members)
         groups = _fitting(groups, settings.min_species_size, pop_size)
+        # Most children of any species are broken, so that mean ranks hardly differ; the best member tells more.
+        for place, group in enumerate(sorted(groups, key=_best_member)):
+            group.adjusted_fitness = settings.species_decay**place
         everyone = sorted((m for group in groups for m in group.members.values()), key=_by_fitness)
         elites = everyone[: min(max(1, round(settings.elitism * pop_size)), pop_size - 1)]
         wanted = pop_size - len(elites)
@@ -129,10 +130,15 @@ def _by_fitness(genome: BitGenome) -> tuple[float, int]:
     return -genome.fitness, genome.key
 
 
+def _best_member(group: Species) -> tuple[float, int]:
+    """Sorts species by their best member, best first."""
+    return min(map(_by_fitness, group.members.values()))
+
+
 def _fitting(groups: list[Species], min_size: int, pop_size: int) -> list[Species]:
     """As many species as can have their least size in half the population, the best by their best member."""
     room = max(1, pop_size // (2 * min_size))
-    best_first = sorted(groups, key=lambda group: (min(_by_fitness(m) for m in group.members.values()), group.key))
+    best_first = sorted(groups, key=_best_member)
     return sorted(best_first[:room], key=lambda group: int(group.key))
 
 
