@@ -221,7 +221,7 @@ def render(report: Report) -> str:
     if report.loop is not None:
         reward = data["reward"]
         lines.append(
-            f"{report.environment_id}: {data['episodes']} episodes, {data['steps']} steps, reward {reward['mean']:.1f} ± "
+            f"{report.environment_id}: {_count(data['episodes'], 'episode')}, {data['steps']} steps, reward {reward['mean']:.1f} ± "
             f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); then {VECTORS} vectors of the whole domain"
         )
         lines += _render_inputs(data)
@@ -259,6 +259,10 @@ def _render_inputs(data: dict[str, Any]) -> list[str]:
         return [f"no observation was beyond its input's limit; {saturated}"]
     rows = [(i, _number(entry["min"]), _number(entry["max"]), entry["clipped"]) for i, entry in clipped]
     return [columns(("clipped input", "min", "max", "steps"), rows), saturated]
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _number(value: float | None) -> str:

@@ -234,7 +234,7 @@ def verify(
         comparison.vectors(*domain_vectors(champion.controller))
         reports = [check.target(ready, one, lanes) for ready, one, lanes in work]
     first = [lane.first for lane in all_lanes if lane.first is not None]
-    check.failures += [str(mismatch) for mismatch in first]
+    check.failures = [*(str(mismatch) for mismatch in first), *check.failures]
     return replace(
         report,
         failures=tuple(check.failures),

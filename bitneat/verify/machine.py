@@ -27,7 +27,15 @@ from bitneat.verify.cfile import CFile
 
 InstructionSet = Literal["thumb"]
 
-OBJECT_FLAGS = ("-std=c99", "-Os", "-ffreestanding", "-fno-stack-protector")
+# As firmware is compiled: what a hosted system's compiler adds of its own accord would be found and blamed on the code.
+OBJECT_FLAGS = (
+    "-std=c99",
+    "-Os",
+    "-ffreestanding",
+    "-fno-stack-protector",
+    "-fno-unwind-tables",
+    "-fno-asynchronous-unwind-tables",
+)
 
 # What ARMv6-M, or any Thumb, has of multiplication and division, by the start of the mnemonic.
 _MULTIPLIES = ("mul", "mla", "mls", "smul", "smla", "smml", "smu", "umul", "umla", "umaal", "sdiv", "udiv")
@@ -77,37 +85,48 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         if toolchain.compiler.family == "gcc":
             flags.append("-fcallgraph-info=su")
         compile_object(code.path, toolchain.compiler, flags, out)
-        footprint = measure(out)
-        violations = [*_broken_promises(out)]
+        static = _static_data(out)
+        violations = [f"{size} bytes of static data in {section}, expected none" for section, size in static.items()]
+        violations += [f"needs {symbol} from elsewhere, expected to need nothing" for symbol in _undefined_symbols(out)]
         if toolchain.instructions == "thumb":
             violations += _thumb_violations(out, code.style)
+        flash = measure(out).flash
         graphs = list(folder.glob("*.ci"))
         stack = stack_depth(graphs[0].read_text(errors="replace"), f"{code.name}_step") if graphs else None
     return Examination(
-        flash=footprint.flash,
-        ram=footprint.ram + 2 * (code.num_state or 0),
+        flash=flash,
+        ram=sum(static.values()) + 2 * (code.num_state or 0),
         stack=stack,
         violations=tuple(violations),
     )
 
 
-def _broken_promises(path: Path) -> Iterator[str]:
-    """Static data that can be written, and names from elsewhere: a libc's or a compiler's support library."""
+def _static_data(path: Path) -> dict[str, int]:
+    """The bytes of each section that can be written."""
     with path.open("rb") as file:
-        elf = ELFFile(file)
-        for section in elf.iter_sections():
-            flags = section["sh_flags"]
-            if flags & SH_FLAGS.SHF_ALLOC and flags & SH_FLAGS.SHF_WRITE and section["sh_size"]:
-                yield f"{section['sh_size']} bytes of static data in {section.name}, expected none"
-        names = {
-            symbol.name
-            for table in elf.iter_sections()
-            if isinstance(table, SymbolTableSection)
-            for symbol in table.iter_symbols()
-            if symbol["st_shndx"] == "SHN_UNDEF" and symbol.name
+        return {
+            section.name: int(section["sh_size"])
+            for section in ELFFile(file).iter_sections()
+            if section["sh_flags"] & SH_FLAGS.SHF_ALLOC
+            and section["sh_flags"] & SH_FLAGS.SHF_WRITE
+            and section["sh_size"]
+            # Constants with addresses in position-independent code: a loader writes them once, a program never.
+            and not section.name.startswith(".data.rel.ro")
         }
-    for symbol_name in sorted(names):
-        yield f"needs {symbol_name} from elsewhere, expected to need nothing"
+
+
+def _undefined_symbols(path: Path) -> list[str]:
+    """Names from elsewhere: a libc, or the compiler's support library."""
+    with path.open("rb") as file:
+        return sorted(
+            {
+                str(symbol.name)
+                for table in ELFFile(file).iter_sections()
+                if isinstance(table, SymbolTableSection)
+                for symbol in table.iter_symbols()
+                if symbol["st_shndx"] == "SHN_UNDEF" and symbol.name
+            }
+        )
 
 
 def _thumb_violations(path: Path, style: Style) -> Iterator[str]:
