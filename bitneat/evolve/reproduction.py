@@ -84,7 +84,8 @@ class BitReproduction(DefaultReproduction):  # type: ignore[misc]
         config.genome_config.innovation_tracker = self.innovation_tracker
         self.innovation_tracker.reset_generation()
         groups = [group for _, group, _ in self.stagnation.update(species, generation)]
-        groups = _fitting(groups, settings.min_species_size, pop_size)
+        most = min(config.species_set_config.target_species, pop_size // (2 * settings.min_species_size))
+        groups = _best_species(groups, max(1, most))
         # Most children of any species are broken, so that mean ranks hardly differ; the best member tells more.
         for place, group in enumerate(sorted(groups, key=_best_member)):
             group.adjusted_fitness = settings.species_decay**place
@@ -135,11 +136,9 @@ def _best_member(group: Species) -> tuple[float, int]:
     return min(map(_by_fitness, group.members.values()))
 
 
-def _fitting(groups: list[Species], min_size: int, pop_size: int) -> list[Species]:
-    """As many species as can have their least size in half the population, the best by their best member."""
-    room = max(1, pop_size // (2 * min_size))
-    best_first = sorted(groups, key=_best_member)
-    return sorted(best_first[:room], key=lambda group: int(group.key))
+def _best_species(groups: list[Species], most: int) -> list[Species]:
+    """The species with the best members, by key. neat-python's speciation never ends a species, so this must."""
+    return sorted(sorted(groups, key=_best_member)[:most], key=lambda group: int(group.key))
 
 
 def _shares(groups: list[Species], wanted: int, min_size: int) -> list[int]:

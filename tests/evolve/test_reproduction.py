@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""Reproduction: sizes, elites, species."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from neat.population import Population
+
+from bitneat.evolve.config import parse
+from bitneat.evolve.genome import BitGenome, genome_to_data
+from bitneat.evolve.search import _neat_config
+from bitneat.sim.environment import EnvironmentSpec, inspect
+
+
+def population_of(text: str) -> Population:
+    return Population(_neat_config(parse(text, "test"), inspect(EnvironmentSpec("Acrobot-v1"))))
+
+
+def rank_by_links(genomes: list[tuple[int, BitGenome]], config: object) -> None:
+    ordered = sorted(genomes, key=lambda pair: (-pair[1].size()[1], pair[0]))
+    for rank, (_, genome) in enumerate(ordered):
+        genome.fitness = 1.0 - rank / len(ordered)
+
+
+@pytest.mark.parametrize("size", [2, 3, 7, 40, 151])
+@pytest.mark.parametrize("threshold", [0.05, 1.0, 20.0])
+def test_the_population_keeps_its_size_whatever_the_species(size: int, threshold: float) -> None:
+    random.seed(size)
+    population = population_of(
+        f"[NEAT]\npop_size = {size}\n[BitSpeciesSet]\ncompatibility_threshold = {threshold}\ntarget_species = 5\n"
+        "[BitReproduction]\nmin_species_size = 1\nelitism = 0.2\n"
+    )
+    for _ in range(8):
+        population.run(rank_by_links, 1)
+        assert len(population.population) == size
+        assert sorted(key for group in population.species.species.values() for key in group.members) == sorted(
+            population.population
+        )
+
+
+def test_elites_survive_unchanged_and_all_others_are_new() -> None:
+    random.seed(1)
+    population = population_of("[NEAT]\npop_size = 30\n[BitReproduction]\nelitism = 0.1\n")
+    for _ in range(5):
+        before = dict(population.population)
+        population.run(rank_by_links, 1)
+        best = sorted(before.values(), key=lambda genome: -(genome.fitness or 0))[:3]
+        kept = {key for key in population.population if key in before}
+        assert kept == {genome.key for genome in best}
+        for genome in best:
+            assert genome_to_data(population.population[genome.key]) == genome_to_data(genome)
+
+
+def test_the_number_of_species_comes_near_the_target() -> None:
+    random.seed(2)
+    for threshold in (0.05, 10.0):
+        population = population_of(
+            f"[NEAT]\npop_size = 60\n[BitSpeciesSet]\ncompatibility_threshold = {threshold}\ntarget_species = 6\n"
+        )
+        counts = []
+        for _ in range(60):
+            population.run(rank_by_links, 1)
+            counts.append(len(population.species.species))
+        assert 2 <= sorted(counts[-20:])[10] <= 14, counts
+
+
+def test_selection_by_rank_moves_the_population() -> None:
+    random.seed(3)
+    population = population_of("[NEAT]\npop_size = 40\n")
+    for _ in range(25):
+        population.run(rank_by_links, 1)
+    sizes = [genome.size()[1] for genome in population.population.values()]
+    assert sum(sizes) / len(sizes) > 12
