@@ -10,11 +10,15 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from bitneat.controller import ACTIVATION_NAMES, Constant, Controller, Input, Link, Node, Output, Signal
 from bitneat.controller.activation import output_limit
 from bitneat.controller.ir import ACCUMULATOR_MAX, FRAC_BITS_RANGE, GAIN_RANGE, SCALE_RANGE, SHIFT_RANGE, SIGNAL_MAX
+
+patient = settings(suppress_health_check=[HealthCheck.too_slow])
+"""The settings of the profile for a test that draws controllers, which takes its time on a busy machine."""
 
 SIZES = ("small", "medium", "large")
 """``small`` has a few nodes, ``medium`` looks like an evolved walker, ``large`` has more than 64 signals."""

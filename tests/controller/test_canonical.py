@@ -6,10 +6,10 @@ import random
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from bitneat.controller import ACTIVATION_NAMES, Constant, Controller, Input, Link, Node, Output, Reference, Signal
-from tests.strategies import controllers, controllers_with_inputs, input_vectors, random_controller
+from tests.strategies import controllers, controllers_with_inputs, input_vectors, patient, random_controller
 
 PREVIOUS = 1
 
@@ -137,14 +137,14 @@ class TestOrder:
 
 
 class TestEveryCanonicalForm:
-    @settings(max_examples=300, deadline=None)
+    @patient
     @given(controllers())
     def test_is_its_own_canonical_form(self, controller: Controller) -> None:
         canonical = controller.canonical
         assert canonical.canonical == canonical
         assert canonical.sha256 == controller.sha256
 
-    @settings(max_examples=300, deadline=None)
+    @patient
     @given(controllers_with_inputs())
     def test_gives_the_same_outputs(self, case: tuple[Controller, list[list[int]]]) -> None:
         controller, sequence = case

@@ -10,11 +10,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Encoder, Input, action_from_data
 from bitneat.errors import BitneatError
+from tests.strategies import patient
 
 
 def encoder(*inputs: Input, frac_bits: int = 8) -> Encoder:
@@ -87,7 +88,7 @@ class TestEncoder:
         for row, expected in zip(rows.reshape(-1, 2), result.reshape(-1, 2), strict=True):
             assert encode(row).tolist() == expected.tolist()
 
-    @settings(max_examples=300, deadline=None)
+    @patient
     @given(
         st.floats(allow_nan=False),
         st.integers(-16, 15),
@@ -98,7 +99,7 @@ class TestEncoder:
         result = encoder(Input(scale, limit), frac_bits=frac_bits)([observation])
         assert result == [exactly_encoded(observation, scale, limit, frac_bits)]
 
-    @settings(max_examples=300, deadline=None)
+    @patient
     @given(st.integers(-70000, 70000), st.integers(-8, 8), st.integers(4, 12), st.sampled_from([-1, 0, 1]))
     def test_follows_the_formula_around_ties(self, halves: int, scale: int, frac_bits: int, nudge: int) -> None:
         tie = halves * 2.0 ** -(frac_bits + scale + 1)

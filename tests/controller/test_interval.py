@@ -5,7 +5,7 @@ import itertools
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from bitneat.controller import ACTIVATION_NAMES, Controller, Input, Link, Node, Reference, Signal
@@ -13,7 +13,7 @@ from bitneat.controller.activation import table
 from bitneat.controller.interval import Interval, image, intervals
 from bitneat.controller.ir import FRAC_BITS_RANGE, SIGNAL_MAX
 from bitneat.controller.reference import apply_gain, saturate
-from tests.strategies import controllers_with_inputs, input_vectors, random_controller
+from tests.strategies import controllers_with_inputs, input_vectors, patient, random_controller
 
 
 def single(node: Node, *limits: int, frac_bits: int = 8) -> Controller:
@@ -158,19 +158,19 @@ class TestDelayedLinks:
 
 
 class TestSoundness:
-    @settings(max_examples=300, deadline=None)
+    @patient
     @given(controllers_with_inputs(max_steps=12))
     def test_every_value_of_every_step_is_inside(self, case: tuple[Controller, list[list[int]]]) -> None:
         assert_sound(*case)
 
     @pytest.mark.parametrize("block", range(10))
-    def test_every_value_of_seeded_controllers_is_inside(self, block: int) -> None:
-        for seed in range(20 * block, 20 * block + 20):
+    def test_every_value_of_seeded_controllers_is_inside(self, block: int, budget: int) -> None:
+        for seed in range(block, 200 * budget, 10):
             rng = random.Random(seed)
             controller = random_controller(rng, size=rng.choice(("small", "medium")))
             assert_sound(controller, input_vectors(controller, rng, 60))
 
-    @settings(max_examples=50, deadline=None)
+    @patient
     @given(st.integers(1, 50), st.integers(-7, 0), st.booleans())
     def test_a_single_loop_reaches_its_bounds(self, limit: int, gain: int, positive: bool) -> None:
         node = Node((Link(0), Link(1, delay=1, sign=1 if positive else -1)), gain=gain, activation="clamped")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from bitneat.controller import (
     ACTIVATION_NAMES,
@@ -25,7 +25,7 @@ from bitneat.controller import (
     Signal,
 )
 from bitneat.controller.ir import ACCUMULATOR_MAX, MAX_OUTPUTS, MAX_SIGNALS
-from tests.strategies import controllers, random_controller
+from tests.strategies import controllers, patient, random_controller
 
 
 def refused(message: str) -> Any:
@@ -233,7 +233,7 @@ class TestProperties:
 
 
 class TestPlainData:
-    @settings(max_examples=200, deadline=None)
+    @patient
     @given(controllers())
     def test_is_read_back_without_loss(self, controller: Controller) -> None:
         data = controller.to_data()
