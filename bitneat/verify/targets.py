@@ -6,7 +6,6 @@ To add a target, write what `Target` asks for and put it into `TARGETS`; nothing
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -97,7 +96,7 @@ class ChipTarget:
 
     def toolchain(self) -> Toolchain | None:
         """The gcc for the chip, else ziglang's clang."""
-        gcc = identify([self.gcc]) if shutil.which(self.gcc) else None
+        gcc = identify([self.gcc])
         if gcc is not None:
             return Toolchain(gcc, self.gcc_flags, "thumb")
         zig = zig_compiler(self.zig_triple)

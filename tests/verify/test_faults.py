@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: MIT
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from bitneat.codegen import STYLES
+from bitneat.native.compiler import host_compiler
+from bitneat.verify import campaign as under_test
+from bitneat.verify.campaign import run_campaign, verify_fault
+from bitneat.verify.check import Settings, verify
+from bitneat.verify.faults import choose, plant
+from bitneat.verify.targets import select
+from tests.verify.champions import champion, plain_champion, written
+
+RECORDED = Settings(episodes=2, max_steps=60, record=True)
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_fault_is_one_bit_of_one_number(style: str, tmp_path: Path) -> None:
+    code = written(champion("CartPole-v1", seed=1, recurrent=True), tmp_path, style)  # type: ignore[arg-type]
+    for number in range(60):
+        fault = choose(code, number)
+        assert (int(fault.before, 0) ^ int(fault.after, 0)).bit_count() == 1
+        assert len(fault.before) == len(fault.after) or not fault.before.startswith("0x")
+        assert code.source[fault.start : fault.end] == fault.before
+        line = code.source.splitlines()[fault.line - 1]
+        assert fault.before in line
+        assert not re.match(r"\s*(#|/\*|static const)", line)
+        assert choose(code, number) == fault
+
+
+def test_faults_fall_on_the_table_and_on_the_code(tmp_path: Path) -> None:
+    code = written(champion(seed=1), tmp_path, "table")
+    kinds = Counter(choose(code, number).what.split()[0] for number in range(200))
+    assert min(kinds["byte"], kinds["a"]) > 20
+
+
+def test_the_original_is_not_touched(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    before = (code.path.read_bytes(), code.header_path.read_bytes())
+    verify_fault(whose, code, 0, select(["host-unrolled"]), Settings(episodes=1, max_steps=20))
+    assert (code.path.read_bytes(), code.header_path.read_bytes()) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["legs.c", "legs.h"]
+
+
+def test_a_planted_fault_makes_verify_fail(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    number = next(n for n in range(1000) if choose(code, n).what.startswith("byte 0") and choose(code, n).bit < 6)
+    fault, report = verify_fault(whose, code, number, select(["host-unrolled"]), Settings(episodes=1, max_steps=20))
+    assert str(fault).startswith(f"line {fault.line}: bit {fault.bit} of byte 0 of legs_weights: 0x19 becomes 0x")
+    assert not report.passed
+    assert report.mismatch is not None
+    assert report.warnings == ()
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_most_faults_are_caught_and_each_survivor_is_explained(style: str, tmp_path: Path) -> None:
+    whose = champion("CartPole-v1" if style == "table" else "Pendulum-v1", seed=4, recurrent=style == "table")
+    code = written(whose, tmp_path, style)  # type: ignore[arg-type]
+    report = verify(whose, code, select([f"host-{style}"]), RECORDED)
+    assert report.passed
+    assert report.loop is not None
+    results = list(run_campaign(whose, code, report.loop.episodes, host_compiler(), 12))
+    assert [result.number for result in results] == list(range(12))
+    assert sum(result.caught for result in results) >= 10
+    for result in results:
+        if not result.caught:
+            assert "equivalent or unreachable" in result.detail or "not reached" in result.detail
+
+
+def test_a_survivor_that_other_inputs_show_has_a_counterexample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    report = verify(whose, code, select(["host-unrolled"]), RECORDED)
+    assert report.loop is not None
+    # A fault that needs a large sum, and a verify that sees hardly any input at all.
+    number = next(n for n in range(2000) if choose(code, n).before == "256" and choose(code, n).bit == 8)
+    monkeypatch.setattr(under_test, "domain_vectors", lambda controller: (report.loop.episodes[0].inputs[:0], 1))  # type: ignore[union-attr, index]
+    campaign = under_test.Campaign(whose, code, (), host_compiler(), tmp_path / "faulty")
+    (tmp_path / "faulty").mkdir()
+    result = campaign.judge(number)
+    assert (result.outcome, result.caught) == ("survived", False)
+    assert result.counterexample is not None
+
+
+def test_code_that_crashes_or_does_not_compile_counts_as_caught(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    report = verify(whose, code, select(["host-unrolled"]), RECORDED)
+    assert report.loop is not None
+    outcomes = []
+    for text in ("*(volatile int *)0 = 1; action[0] =", "nonsense; action[0] ="):
+        monkeypatch.setattr(under_test, "plant", lambda code, fault, folder, text=text: plant_text(code, folder, text))
+        (result,) = run_campaign(whose, code, report.loop.episodes, host_compiler(), 1)
+        outcomes.append(result.outcome)
+    assert outcomes == ["crash", "compile"]
+
+
+def plant_text(code, folder, text):  # type: ignore[no-untyped-def]
+    faulty = plant(code, choose(code, 0), folder)
+    faulty.path.write_text(code.source.replace("action[0] =", text))
+    return type(faulty).read(faulty.path)
