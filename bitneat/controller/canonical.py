@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The canonical form of a controller, and its fingerprint.
 
-Two controllers that differ only in dead nodes, constants that can be folded, or the order of nodes and links have the same
-canonical form, and so the same SHA-256, the same packed blob and the same C.
+Two controllers that differ only in dead nodes, constants that can be folded, or the order of links have the same canonical form,
+and so the same SHA-256, the same packed blob and the same C. The order of the nodes is kept where their links allow it, so that
+outputs that come last stay last; it is part of the content.
 """
 
 from __future__ import annotations

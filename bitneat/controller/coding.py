@@ -63,8 +63,9 @@ class BoxAction:
     def __post_init__(self) -> None:
         if not self.low or len(self.low) != len(self.high) or math.prod(self.shape) != len(self.low):
             raise BitneatError("action space: low, high and shape of the Box do not agree")
-        if not all(math.isfinite(a) and math.isfinite(b) and a <= b for a, b in zip(self.low, self.high, strict=True)):
-            raise BitneatError("action space: expected a Box with finite bounds, low <= high")
+        # high - low enters the formula, so it must be finite too.
+        if not all(math.isfinite(b - a) and a <= b for a, b in zip(self.low, self.high, strict=True)):
+            raise BitneatError("action space: expected a Box with finite bounds, low <= high, and a finite width")
         if np.dtype(self.dtype).kind not in "fiu":
             raise BitneatError(f"action space: cannot decode to dtype {self.dtype!r}")
 
@@ -136,10 +137,16 @@ def action_from_data(data: object) -> Action:
         return DiscreteAction(data["n"], data["start"])
     try:
         return BoxAction(
-            tuple(float(v) for v in data["low"]),
-            tuple(float(v) for v in data["high"]),
-            tuple(int(v) for v in data["shape"]),
+            _numbers(data["low"], "low", (int, float)),
+            _numbers(data["high"], "high", (int, float)),
+            tuple(int(v) for v in _numbers(data["shape"], "shape", (int,))),
             np.dtype(data["dtype"]).name,
         )
     except (TypeError, ValueError, OverflowError) as error:
         raise BitneatError(f"action: {error}") from None
+
+
+def _numbers(values: object, key: str, types: tuple[type, ...]) -> tuple[float, ...]:
+    if not isinstance(values, (list, tuple)) or not all(type(value) in types for value in values):
+        raise BitneatError(f"action.{key}: expected a list of numbers")
+    return tuple(values if types == (int,) else map(float, values))

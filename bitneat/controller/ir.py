@@ -91,6 +91,14 @@ def _require_int(value: object, low: int, high: int, where: str) -> int:
     return value
 
 
+def _require_elements(values: object, types: type | tuple[type, ...], where: str, what: str) -> None:
+    if not isinstance(values, tuple):
+        raise ControllerError(f"{where}: expected a tuple, got {_shown(values)}")
+    for index, value in enumerate(values):
+        if not isinstance(value, types):
+            raise ControllerError(f"{where}[{index}]: expected {what}, got {_shown(value)}")
+
+
 def _shown(value: object) -> str:
     """A short, single-line picture of a foreign value for an error message."""
     if type(value) is int and value.bit_length() > 200:
@@ -246,6 +254,9 @@ def _output_from_data(data: object, where: str) -> Output:
 
 
 def _validate(controller: Controller) -> None:
+    _require_elements(controller.inputs, Input, "inputs", "an input")
+    _require_elements(controller.nodes, Node, "nodes", "a node")
+    _require_elements(controller.outputs, (Signal, Constant), "outputs", "a signal or a constant")
     _require_int(controller.frac_bits, *FRAC_BITS_RANGE, "frac_bits")
     _require_int(len(controller.inputs), 1, MAX_SIGNALS, "number of inputs")
     _require_int(controller.num_signals, 1, MAX_SIGNALS, "number of inputs and nodes")
@@ -260,10 +271,8 @@ def _validate(controller: Controller) -> None:
     for i, output in enumerate(controller.outputs):
         if isinstance(output, Signal):
             _require_int(output.index, 0, controller.num_signals - 1, f"outputs[{i}].signal")
-        elif isinstance(output, Constant):
-            _require_int(output.value, -SIGNAL_MAX, SIGNAL_MAX, f"outputs[{i}].constant")
         else:
-            raise ControllerError(f"outputs[{i}]: expected a signal or a constant, got {_shown(output)}")
+            _require_int(output.value, -SIGNAL_MAX, SIGNAL_MAX, f"outputs[{i}].constant")
 
 
 def _validate_node(controller: Controller, index: int, node: Node) -> None:
@@ -271,6 +280,7 @@ def _validate_node(controller: Controller, index: int, node: Node) -> None:
     if not isinstance(node.activation, str) or node.activation not in ACTIVATION_NAMES:
         known = ", ".join(ACTIVATION_NAMES)
         raise ControllerError(f"{where}.activation: {_shown(node.activation)} is not one of {known}")
+    _require_elements(node.links, Link, f"{where}.links", "a link")
     _require_int(node.gain, *GAIN_RANGE, f"{where}.gain")
     _require_int(node.bias, -ACCUMULATOR_MAX, ACCUMULATOR_MAX, f"{where}.bias")
     first_not_earlier = len(controller.inputs) + index

@@ -233,7 +233,7 @@ class TestPlainData:
     @pytest.mark.parametrize(
         ("key", "value"),
         [
-            ("low", None), ("low", ["x"]), ("low", [None]), ("high", 1.0), ("low", [10**400]),
+            ("low", None), ("low", ["x"]), ("low", ["1"]), ("low", [True]), ("low", [-1e308, 1e308]), ("low", [None]), ("high", 1.0), ("low", [10**400]),
             ("shape", ["a"]), ("dtype", "no such type"), ("dtype", 5), ("high", [math.inf]), ("dtype", "complex128"),
         ],
     )  # fmt: skip

@@ -354,3 +354,13 @@ class TestForeignDataIsRefusedByName:
     def test_that_is_no_mapping(self, data: object) -> None:
         with pytest.raises(ControllerError, match=r"^controller: expected a mapping, got "):
             Controller.from_data(data)
+
+
+class TestShapesAreChecked:
+    def test_a_list_in_place_of_a_tuple_is_refused(self) -> None:
+        with pytest.raises(ControllerError, match="^inputs: expected a tuple, got list$"):
+            Controller([Input()], (), (Signal(0),))  # type: ignore[arg-type]
+
+    def test_an_element_of_another_kind_is_refused_by_its_place(self) -> None:
+        with pytest.raises(ControllerError, match=r"^nodes\[0\].links\[1\]: expected a link, got 3$"):
+            Controller((Input(),), (Node((Link(0), 3)),), (Signal(0),))  # type: ignore[arg-type]
