@@ -162,10 +162,13 @@ class TestBoxAction:
             assert space.contains(action.decode(signals(*[value] * action.num_outputs), 8)), value
 
     @pytest.mark.parametrize(
-        ("low", "high"), [([-math.inf], [1.0]), ([0.0], [math.inf]), ([math.nan], [1.0]), ([2.0], [1.0])]
+        ("low", "high"),
+        [([-math.inf], [1.0]), ([0.0], [math.inf]), ([math.nan], [1.0]), ([2.0], [1.0]), ([-1e308], [1e308])],
     )
     def test_an_unbounded_space_is_refused(self, low: list[float], high: list[float]) -> None:
-        with pytest.raises(BitneatError, match=r"^action space: expected a Box with finite bounds, low <= high$"):
+        with pytest.raises(
+            BitneatError, match=r"^action space: expected a Box with finite bounds, low <= high, and a finite width$"
+        ):
             box(low, high)
 
     @pytest.mark.parametrize(
@@ -233,7 +236,8 @@ class TestPlainData:
     @pytest.mark.parametrize(
         ("key", "value"),
         [
-            ("low", None), ("low", ["x"]), ("low", ["1"]), ("low", [True]), ("low", [-1e308, 1e308]), ("low", [None]), ("high", 1.0), ("low", [10**400]),
+            ("low", None), ("low", ["x"]), ("low", ["1"]), ("low", [True]),
+            ("low", [None]), ("high", 1.0), ("low", [10**400]),
             ("shape", ["a"]), ("dtype", "no such type"), ("dtype", 5), ("high", [math.inf]), ("dtype", "complex128"),
         ],
     )  # fmt: skip

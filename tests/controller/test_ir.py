@@ -358,7 +358,7 @@ class TestForeignDataIsRefusedByName:
 
 class TestShapesAreChecked:
     def test_a_list_in_place_of_a_tuple_is_refused(self) -> None:
-        with pytest.raises(ControllerError, match="^inputs: expected a tuple, got list$"):
+        with pytest.raises(ControllerError, match=r"^inputs: expected a tuple, got list$"):
             Controller([Input()], (), (Signal(0),))  # type: ignore[arg-type]
 
     def test_an_element_of_another_kind_is_refused_by_its_place(self) -> None:
