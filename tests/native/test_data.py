@@ -34,8 +34,14 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(code: str, *, folder: Path) -> list[str]:
-    """Run Python where only ``folder``'s .pth files and packages, and the installed dependencies, are found."""
-    program = f"import site, sys; sys.path.insert(0, {str(folder)!r}); site.addsitedir({str(folder)!r})\n{code}"
+    """Run Python where ``folder`` is looked at first, as if it were site-packages, even if bitneat is installed as well."""
+    before = (
+        "import site, sys\n"
+        "installed = sys.path[:]\n"
+        f"site.addsitedir({str(folder)!r})\n"
+        "sys.path[:] = [path for path in sys.path if path not in installed] + installed\n"
+    )
+    program = before + code
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     return subprocess.run(
         [sys.executable, "-P", "-c", program], check=True, capture_output=True, text=True, cwd=folder, env=environment
