@@ -32,7 +32,7 @@ EXAMPLE = """\
   bitneat verify champion.pkl --inject-fault 7       plant a fault: must fail"""
 
 REQUIRED_CAUGHT = 0.9
-"""The part of a campaign's faults that must make verify fail."""
+"""The part of a campaign's faults that must make verify fail, not counting those that change nothing."""
 
 
 @dataclass(frozen=True)
@@ -167,42 +167,39 @@ def _verify_fault(job: _Job) -> tuple[dict[str, Any], bool]:
 
 def _campaign(champion: Champion, code: CFile, report: Report, count: int) -> tuple[dict[str, Any], bool]:
     from bitneat.native.compiler import host_compiler
-    from bitneat.verify.campaign import run_campaign
+    from bitneat.verify.campaign import MORE_VECTORS, run_campaign
 
     assert report.loop is not None
     results = []
     for result in run_campaign(champion, code, report.loop.episodes, host_compiler(), count):
         results.append(result)
         print(f"fault {result.number} of {count}: {_fate(result)}", flush=True)
-    caught = [result for result in results if result.caught]
-    ways = {
-        way: sum(result.outcome == way for result in caught) for way in ("loop", "vectors", "crash", "table", "compile")
-    }
-    parts = ", ".join(f"{number} by {_WAYS[way]}" for way, number in ways.items() if number)
-    passed = len(caught) >= REQUIRED_CAUGHT * count
+    ways = {way: sum(result.outcome == way for result in results) for way in _WAYS}
+    caught = sum(result.caught for result in results)
+    parts = ", ".join(f"{number} by {_WAYS[way]}" for way, number in ways.items() if number and way in _CAUGHT_BY)
+    # A fault that changes nothing is none, so it does not count against verify.
+    passed = caught >= REQUIRED_CAUGHT * (count - ways["equivalent"])
     print(
-        f"{'PASS' if passed else 'FAIL'} {len(caught)} of {count} planted faults make verify fail ({parts or 'none'});"
-        f" expected {REQUIRED_CAUGHT:.0%} or more"
+        f"{'PASS' if passed else 'FAIL'} {caught} of {count} planted faults make verify fail ({parts or 'none'});"
+        f" {ways['unreached']} were not reached, {ways['equivalent']} changed nothing on {MORE_VECTORS} random vectors"
     )
-    return {
-        "count": count,
-        "caught": len(caught),
-        "caught_by": ways,
-        "results": [result.to_data() for result in results],
-    }, passed
+    data = {"count": count, "caught": caught, "outcomes": ways, "results": [result.to_data() for result in results]}
+    return data, passed
 
 
-_WAYS = {
+_CAUGHT_BY = {
     "loop": "an output in the loop",
     "vectors": "an output on the vectors",
     "crash": "a crash",
     "table": "the table alone",
     "compile": "the compiler",
 }
+_WAYS = {**_CAUGHT_BY, "unreached": "nothing", "equivalent": "nothing"}
 
 
 def _fate(result: FaultResult) -> str:
-    text = f"{result.fault}: {'caught by ' + _WAYS[result.outcome] if result.caught else 'SURVIVED'}: {result.detail}"
+    fate = f"caught by {_CAUGHT_BY[result.outcome]}" if result.caught else "SURVIVED"
+    text = f"{result.fault}: {fate}: {result.detail}"
     if result.counterexample is not None:
         text += f" ({', '.join(map(str, result.counterexample))})"
     return text

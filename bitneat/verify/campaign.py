@@ -76,7 +76,7 @@ def run_campaign(
             yield campaign.judge(number)
 
 
-Outcome = Literal["loop", "vectors", "crash", "table", "compile", "survived"]
+Outcome = Literal["loop", "vectors", "crash", "table", "compile", "equivalent", "unreached"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +84,8 @@ class FaultResult:
     """What became of one fault.
 
     ``outcome`` is what gave it away first: the compiler, a difference in the loop or on the vectors besides, a crash or hang, or
-    the table, which no longer held the controller; or nothing did. For a survivor, ``counterexample`` is a vector (with state,
-    the last of a sequence from reset) on which it does differ, None if none was found.
+    the table, which no longer held the controller. What survives is ``unreached`` if other inputs do show it, and then
+    ``counterexample`` is one (with state, the last of a sequence from reset), and else ``equivalent`` as far as can be seen.
     """
 
     number: int
@@ -97,7 +97,7 @@ class FaultResult:
     @property
     def caught(self) -> bool:
         """Whether verify fails on it."""
-        return self.outcome != "survived"
+        return self.outcome not in ("equivalent", "unreached")
 
     def to_data(self) -> dict[str, Any]:
         """Plain data for reports."""
@@ -163,11 +163,11 @@ class Campaign:
         try:
             seen = self._difference(implementations, self._more_vectors)
         except ImplementationError as error:
-            return FaultResult(number, fault, "survived", f"not reached by these inputs: on others it {error}")
+            return FaultResult(number, fault, "unreached", f"not reached by these inputs: on others it {error}")
         if seen is None:
             detail = f"no difference on {MORE_VECTORS} random vectors: equivalent or unreachable"
-            return FaultResult(number, fault, "survived", detail)
-        return FaultResult(number, fault, "survived", "not reached by these inputs: it takes others", seen.inputs)
+            return FaultResult(number, fault, "equivalent", detail)
+        return FaultResult(number, fault, "unreached", "not reached by these inputs: it takes others", seen.inputs)
 
     def _difference(self, implementations: Sequence[HostC], batches: Sequence[_Batch]) -> _Difference | None:
         """The first one of any implementation."""

@@ -126,7 +126,8 @@ def test_a_campaign_counts_what_is_caught_and_lists_each_fault(run: Run, folder:
     status, out, _ = run("--episodes", "1", *HOST, "--fault-campaign", "3", "--json", "v.json")
     faults = json.loads(Path("v.json").read_text())["faults"]
     assert (faults["count"], len(faults["results"])) == (3, 3)
-    assert status == (0 if faults["caught"] == 3 else 1)
+    assert sum(faults["outcomes"].values()) == 3
+    assert status == (1 if faults["outcomes"]["unreached"] else 0)
     assert f"{faults['caught']} of 3 planted faults make verify fail" in out
 
 

@@ -85,7 +85,7 @@ def test_a_survivor_that_other_inputs_show_has_a_counterexample(
     campaign = under_test.Campaign(whose, code, (), host_compiler(), tmp_path / "faulty")
     (tmp_path / "faulty").mkdir()
     result = campaign.judge(number)
-    assert (result.outcome, result.caught) == ("survived", False)
+    assert (result.outcome, result.caught) == ("unreached", False)
     assert result.counterexample is not None
 
 
