@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import random
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -12,6 +14,7 @@ from hypothesis import strategies as st
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.packing import ENCODINGS, Layout, PackedFormatError, pack, pack_blob, unpack
 from bitneat.controller.packing.bits import BitReader, BitWriter, rice_cost
+from tests.packing import second_implementation
 from tests.strategies import controllers, random_controller
 
 
@@ -45,6 +48,14 @@ def test_random_controllers_round_trip(seed: int) -> None:
     controller = random_controller(random.Random(seed))
     for blob in packable(controller).values():
         assert unpack(blob) == controller.canonical
+
+
+@pytest.mark.parametrize("seed", range(1000, 1200))
+def test_an_implementation_from_the_document_alone_gives_the_same_bits(seed: int) -> None:
+    canonical = random_controller(random.Random(seed)).canonical
+    for encoding, blob in packable(canonical).items():
+        assert second_implementation.pack(canonical.to_data(), encoding) == blob
+        assert Controller.from_data(second_implementation.unpack(blob)) == canonical
 
 
 def dense(share: float) -> Controller:
@@ -145,3 +156,22 @@ def test_rice_and_counts_read_back(numbers: list[tuple[int, int]]) -> None:
     assert [reader.take_rice(k, 1000, "value") for _, k in small] == [value for value, _ in small]
     assert [reader.take_count(2**20, "value") for _ in numbers] == [value for value, _ in numbers]
     reader.finish()
+
+
+def test_the_known_answers_of_the_document_hold() -> None:
+    nodes = (
+        Node((), bias=256),
+        Node((), bias=0),
+        Node((Link(1, delay=1), Link(2, delay=1, sign=-1), Link(3, delay=1)), bias=-256),
+    )
+    controller = Controller((Input(),), nodes, (Signal(3),))
+    page = (Path(__file__).parents[2] / "docs" / "packed-format.md").read_text()
+    rows = re.findall(r"^\| (\w+) \| `([0-9a-f]+)` \|$", page, re.MULTILINE)
+    assert [name for name, _ in rows] == list(ENCODINGS)
+    for encoding, blob in rows:
+        assert pack(controller, encoding).hex() == blob
+
+
+def test_a_controller_without_nodes_has_a_plain_header() -> None:
+    controller = Controller((Input(),), (), (Signal(0),))
+    assert pack(controller, "bytes").hex() == "0181022008c001"

@@ -49,8 +49,8 @@ class Layout:
     def has_ternary_bias(self) -> bool:
         """True iff biases exist and all are 0 or ±One: they are packed as links from the slot that holds One."""
         one = self.controller.one
-        biases = {node.bias for node in self.controller.nodes}
-        return biases != {0} and biases <= {0, one, -one}
+        biases = {node.bias for node in self.controller.nodes} - {0}
+        return bool(biases) and biases <= {one, -one}
 
     @cached_property
     def has_general_bias(self) -> bool:
