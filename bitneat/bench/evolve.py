@@ -51,12 +51,12 @@ class _Diary:
 def measure(repetitions: int) -> list[Measurement]:
     """Measure whole generations, with their breeding and checkpoints, against the very same episodes replayed bare."""
     return [
-        _measure("auto", "evolve on BipedalWalker-v3, one worker", repetitions),
+        _measure("auto", "evolve on BipedalWalker-v3, one worker", repetitions, GOAL),
         _measure("gymnasium", "the same with --simulator gymnasium", repetitions),
     ]
 
 
-def _measure(simulator: str, what: str, repetitions: int) -> Measurement:
+def _measure(simulator: str, what: str, repetitions: int, goal: float | None = None) -> Measurement:
     info = inspect(_ENVIRONMENT)
     config = load(preset_for(_ENVIRONMENT)).with_values("NEAT", pop_size=_POPULATION)
     search = Search(config, _ENVIRONMENT, info, seed=1)
@@ -91,8 +91,8 @@ def _measure(simulator: str, what: str, repetitions: int) -> Measurement:
         "steps/s",
         ratio,
         "times as fast",
-        f">= {GOAL}",
-        ratio >= GOAL,
+        "" if goal is None else f">= {goal}",
+        None if goal is None else ratio >= goal,
     )
 
 
