@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import capstone
 from elftools.elf.constants import SH_FLAGS
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import Section, SymbolTableSection
@@ -160,8 +161,6 @@ def _code_ranges(elf: ELFFile, index: int, section: Section) -> list[tuple[int, 
 
 
 def _thumb_instructions(section: Section, ranges: list[tuple[int, int]]) -> Iterator[tuple[int, str, str]]:
-    import capstone  # here, as the small processes of `child` import this package too
-
     decoder = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
     data = section.data()
     for start, end in ranges:
