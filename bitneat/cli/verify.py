@@ -280,12 +280,13 @@ def _progress() -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import Progress as Bar
 
-    with Bar(console=Console(stderr=True), transient=True) as bar:
+    with Bar(console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
         task = bar.add_task("episodes", total=None)
 
         def advance(done: int, total: int, episode: Episode) -> None:
-            bar.update(
-                task, completed=done, total=total, description=f"seed {episode.seed}: reward {episode.reward:.1f}"
-            )
+            text = f"seed {episode.seed}: reward {episode.reward:.1f}"
+            bar.update(task, completed=done, total=total, description=text)
+            if done == total:
+                bar.stop()  # before the report is printed
 
         yield advance
