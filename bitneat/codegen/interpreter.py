@@ -7,7 +7,7 @@ general interpreter of the runtime they read the open controller ``c``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -100,7 +100,15 @@ class InterpreterView:
             names.add("clip")
         if self.varying_gain or self.fixed_gain < 0:
             names.add("floor_shift")
-        return frozenset(names)
+        if not self.general and self.single_activation is None:
+            names.add("opaque")
+        return with_mask(names)
+
+
+def with_mask(helpers: Iterable[str]) -> frozenset[str]:
+    """The arithmetic functions in use, and the mask that most of them call."""
+    names = frozenset(helpers)
+    return names | {"mask"} if names & {"min", "max", "copysign", "clip", "clip_wide"} else names
 
 
 def general_view() -> InterpreterView:

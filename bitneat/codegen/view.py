@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, specialized_view
+from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, specialized_view, with_mask
 from bitneat.codegen.kernels import Kernel, kernel
 from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
 from bitneat.controller.interval import NodeIntervals, intervals
@@ -119,6 +119,11 @@ class Interface:
         if not isinstance(self.action, DiscreteAction):
             return None
         return Decision(tuple(range(1, self.num_outputs)), self.action.start)
+
+    @property
+    def decision_helpers(self) -> set[str]:
+        """The arithmetic functions that the choice calls."""
+        return {"mask"} if self.decision and self.decision.others else set()
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +246,7 @@ class _Unroller:
                 for i, output in enumerate(self.controller.outputs)
             ),
             kernels=kernels,
-            helpers=frozenset(self.helpers),
+            helpers=with_mask(self.helpers | self.interface.decision_helpers),
         )
 
     def signal(self, index: int) -> str:
@@ -300,7 +305,8 @@ class _Unroller:
         x = f"(uint32_t){self.local(link)}"
         if link.shift:
             x = f"({x} << {link.shift})"
-            if (link.source, link.delay) in shifted:
+            # A shift that is subtracted is a multiplication by -2^k to some compilers, as a sum of shifts is one by their sum.
+            if (link.source, link.delay) in shifted or link.sign < 0:
                 self.helpers.add("opaque")
                 x = f"{self.prefix}_opaque{x}"
         return f"({x} & (0U - ({byte} >> {low} & 1U))) - ({x} & (0U - ({byte} >> {low + 1} & 1U)))"
@@ -309,6 +315,9 @@ class _Unroller:
         """Gain, saturation where it can happen, and activation, as one expression of type int32_t."""
         value = total
         if node.gain > 0:
+            if all(link.sign < 0 for link in node.links):
+                self.helpers.add("opaque")
+                value = f"{self.prefix}_opaque({value})"
             value = f"{value} << {node.gain}"
         elif node.gain < 0:
             self.helpers.add("floor_shift")
@@ -404,5 +413,5 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
         ),
         limit=limits.pop() if len(limits) == 1 else None,
         limits=tuple(str(entry.limit) for entry in controller.inputs),
-        helpers=frozenset(helpers),
+        helpers=with_mask(helpers | interface.decision_helpers),
     )

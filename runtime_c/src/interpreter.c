@@ -11,10 +11,16 @@ static uint8_t bn_byte(const uint8_t *address)
     return *address;
 }
 
+/* All ones where the highest bit of x is set, else 0. */
+static uint32_t bn_mask(uint32_t x)
+{
+    return 0U - (x >> 31);
+}
+
 /* x itself, of which the compiler knows nothing: so it can't turn a sum of shifts into a multiplication. */
 static uint32_t bn_opaque(uint32_t x)
 {
-#if defined(__GNUC__)
+#if defined(__GNUC__) && !(defined(__clang__) && defined(__AVR__)) /* clang has no 32-bit operand there */
     __asm__("" : "+r"(x));
 #endif
     return x;
@@ -24,28 +30,28 @@ static uint32_t bn_opaque(uint32_t x)
 static uint32_t bn_min(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return y + (difference & (0U - (difference >> 31)));
+    return y + (difference & bn_mask(difference));
 }
 
 /* The larger of two values that are less than 2^31 apart. */
 static uint32_t bn_max(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return x - (difference & (0U - (difference >> 31)));
+    return x - (difference & bn_mask(difference));
 }
 
 /* x, or -x where y is negative. */
 static uint32_t bn_copysign(uint32_t x, uint32_t y)
 {
-    const uint32_t negative = 0U - (y >> 31);
+    const uint32_t negative = bn_mask(y);
     return (x ^ negative) - negative;
 }
 
 /* x clipped to -limit..limit, for any |x| < 2^31: the sign of each comparison is taken without overflow. */
 static uint32_t bn_clip_wide(uint32_t x, uint32_t limit)
 {
-    const uint32_t high = 0U - ((~x & (limit - x)) >> 31);
-    const uint32_t low = 0U - ((x & (x + limit)) >> 31);
+    const uint32_t high = bn_mask(~x & (limit - x));
+    const uint32_t low = bn_mask(x & (x + limit));
     return (x & ~(high | low)) | (limit & high) | ((0U - limit) & low);
 }
 
@@ -373,7 +379,8 @@ static void bn_nodes_planes(const struct bn_controller *c, int16_t *signals)
                 sum += ((uint32_t)(int32_t)*source ^ sign) - sign;
             }
         }
-        at = signs;
+        at.next = signs.next;
+        at.bit = signs.bit;
         *node++ = bn_signal(bn_respond(c, fields, sum));
     }
 }

@@ -30,24 +30,47 @@ static uint8_t legs_byte(const uint8_t *address)
 #endif
 }
 
+/* All ones where the highest bit of x is set, else 0. */
+static uint32_t legs_mask(uint32_t x)
+{
+    uint32_t mask;
+#if defined(__clang__) && !defined(__AVR__)
+    __asm__("" : "+r"(x)); /* or clang may see a comparison in it, */
+#endif
+    mask = 0U - (x >> 31);
+#if defined(__clang__) && !defined(__AVR__)
+    __asm__("" : "+r"(mask)); /* and a choice in what is done with the mask: it makes branches of both */
+#endif
+    return mask;
+}
+
+/* x itself, of which the compiler knows nothing: so it can't turn a sum of shifts into a multiplication. */
+static uint32_t legs_opaque(uint32_t x)
+{
+#if defined(__GNUC__) && !(defined(__clang__) && defined(__AVR__)) /* clang has no 32-bit operand there */
+    __asm__("" : "+r"(x));
+#endif
+    return x;
+}
+
 /* The smaller of two values that are less than 2^31 apart. */
 static uint32_t legs_min(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return y + (difference & (0U - (difference >> 31)));
+    return y + (difference & legs_mask(difference));
 }
 
 /* The larger of two values that are less than 2^31 apart. */
 static uint32_t legs_max(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return x - (difference & (0U - (difference >> 31)));
+    return x - (difference & legs_mask(difference));
 }
 
 /* x, or -x where y is negative. */
 static uint32_t legs_copysign(uint32_t x, uint32_t y)
 {
-    const uint32_t negative = 0U - (y >> 31);
+    const uint32_t negative = legs_mask(y);
     return (x ^ negative) - negative;
 }
 
@@ -55,9 +78,9 @@ static uint32_t legs_copysign(uint32_t x, uint32_t y)
 static uint32_t legs_clip(uint32_t x, uint32_t limit)
 {
     const uint32_t above = limit - x;
-    const uint32_t y = x + (above & (0U - (above >> 31)));
+    const uint32_t y = x + (above & legs_mask(above));
     const uint32_t below = y + limit;
-    return y - (below & (0U - (below >> 31)));
+    return y - (below & legs_mask(below));
 }
 
 /* x / 2^k rounded down, for |x| < 2^31. */
@@ -129,14 +152,15 @@ static uint32_t legs_respond(unsigned fields, uint32_t sum)
         sum = legs_floor_shift(sum, (unsigned)-gain);
     }
     sum = legs_clip(sum, 32767U);
-    switch (fields & 3U) {
-    case 0:
+    /* One comparison after the other: a switch may become a jump table, and call a library to use it. */
+    const uint32_t kind = fields & 3U;
+    if (legs_opaque(kind) == 0U) {
         return legs_act_clamped(sum);
-    case 1:
-        return legs_act_hat(sum);
-    default:
-        return legs_act_tanh(sum);
     }
+    if (legs_opaque(kind) == 1U) {
+        return legs_act_hat(sum);
+    }
+    return legs_act_tanh(sum);
 }
 
 /* Evaluates every node in order, from the slots before them. */

@@ -12,24 +12,38 @@ static const uint8_t legs_weights[2] = {
     0x69, 0x19,
 };
 
+/* All ones where the highest bit of x is set, else 0. */
+static uint32_t legs_mask(uint32_t x)
+{
+    uint32_t mask;
+#if defined(__clang__) && !defined(__AVR__)
+    __asm__("" : "+r"(x)); /* or clang may see a comparison in it, */
+#endif
+    mask = 0U - (x >> 31);
+#if defined(__clang__) && !defined(__AVR__)
+    __asm__("" : "+r"(mask)); /* and a choice in what is done with the mask: it makes branches of both */
+#endif
+    return mask;
+}
+
 /* The smaller of two values that are less than 2^31 apart. */
 static uint32_t legs_min(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return y + (difference & (0U - (difference >> 31)));
+    return y + (difference & legs_mask(difference));
 }
 
 /* The larger of two values that are less than 2^31 apart. */
 static uint32_t legs_max(uint32_t x, uint32_t y)
 {
     const uint32_t difference = x - y;
-    return x - (difference & (0U - (difference >> 31)));
+    return x - (difference & legs_mask(difference));
 }
 
 /* x, or -x where y is negative. */
 static uint32_t legs_copysign(uint32_t x, uint32_t y)
 {
-    const uint32_t negative = 0U - (y >> 31);
+    const uint32_t negative = legs_mask(y);
     return (x ^ negative) - negative;
 }
 
@@ -37,9 +51,9 @@ static uint32_t legs_copysign(uint32_t x, uint32_t y)
 static uint32_t legs_clip(uint32_t x, uint32_t limit)
 {
     const uint32_t above = limit - x;
-    const uint32_t y = x + (above & (0U - (above >> 31)));
+    const uint32_t y = x + (above & legs_mask(above));
     const uint32_t below = y + limit;
-    return y - (below & (0U - (below >> 31)));
+    return y - (below & legs_mask(below));
 }
 
 /* x / 2^k rounded down, for |x| < 2^31. */
