@@ -9,18 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cffi
 import numpy as np
 import numpy.typing as npt
 
 from bitneat.controller import Controller
-from bitneat.controller.coding import Int16Array
 from bitneat.controller.packing import PackedFormatError, pack
 from bitneat.errors import BitneatError
 from bitneat.native.build import shared_library
 from bitneat.native.data import runtime_dir
+
+if TYPE_CHECKING:
+    from bitneat.controller.coding import Int16Array
 
 RUNTIME_ENCODING = "bytes"
 """The encoding that the interpreter reads fastest; how a blob is encoded changes no output."""

@@ -13,16 +13,17 @@ lines and a convex one a maximum, so no comparison ever turns into a branch.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-import numpy.typing as npt
+if TYPE_CHECKING:  # numpy takes longer to import than all of code generation, which seldom needs a table
+    import numpy as np
+    import numpy.typing as npt
 
-IntArray = npt.NDArray[np.int64]
-IntLike = TypeVar("IntLike", int, IntArray)
+    IntArray = npt.NDArray[np.int64]
+
+IntLike = TypeVar("IntLike", int, "IntArray")
 
 CONSTANT_BITS = 12
 """Constants are kept at the finest resolution, F = 12, and lose their lowest bits where F is smaller."""
@@ -111,6 +112,8 @@ def _apply(step: Step, x: IntLike, y: IntLike, frac_bits: int) -> IntLike:
 def _choose(condition: object, x: IntLike, y: IntLike) -> IntLike:
     if isinstance(x, int):
         return x if condition else y
+    import numpy as np
+
     return np.where(np.asarray(condition), x, y)
 
 
@@ -319,26 +322,38 @@ def evaluate(activation: str, u: int, frac_bits: int) -> int:
 @cache
 def table(activation: str, frac_bits: int) -> IntArray:
     """The activation at every argument -32767..32767: a read-only int64 array of 65,535 values."""
+    import numpy as np
+
     arguments = np.arange(-32767, 32768, dtype=np.int64)
     values = np.array(PROGRAMS[activation](arguments, frac_bits))
     values.flags.writeable = False
     return values
 
 
-def _real_tanh(z: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    return np.tanh(2.5 * z)
+def real_function(activation: str, z: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """What an activation stands for, on real numbers: neat-python's definition."""
+    import numpy as np
 
-
-REAL_FUNCTIONS: dict[str, Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]] = {
-    "identity": lambda z: z,
-    "clamped": lambda z: np.clip(z, -1.0, 1.0),
-    "relu": lambda z: np.maximum(z, 0.0),
-    "abs": np.abs,
-    "hat": lambda z: np.maximum(0.0, 1.0 - np.abs(z)),
-    "step": lambda z: (z > 0).astype(np.float64),
-    "tanh": _real_tanh,
-    "sigmoid": lambda z: (1.0 + _real_tanh(z)) / 2.0,
-    "sin": lambda z: np.sin(np.clip(5.0 * z, -60.0, 60.0)),
-    "gauss": lambda z: np.exp(-5.0 * z * z),
-}
-"""What each activation stands for, on real numbers; neat-python's definitions."""
+    match activation:
+        case "identity":
+            return z
+        case "clamped":
+            return np.clip(z, -1.0, 1.0)
+        case "relu":
+            return np.maximum(z, 0.0)
+        case "abs":
+            return np.abs(z)
+        case "hat":
+            return np.maximum(0.0, 1.0 - np.abs(z))
+        case "step":
+            return (z > 0).astype(np.float64)
+        case "tanh":
+            return np.tanh(2.5 * z)
+        case "sigmoid":
+            return (1.0 + np.tanh(2.5 * z)) / 2.0
+        case "sin":
+            return np.sin(np.clip(5.0 * z, -60.0, 60.0))
+        case "gauss":
+            return np.exp(-5.0 * z * z)
+        case _:
+            raise ValueError(f"{activation!r} is no activation")

@@ -9,21 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any
 
 from bitneat.controller.ir import Controller
 from bitneat.errors import BitneatError
 
-Int16Array = npt.NDArray[np.int16]
+if TYPE_CHECKING:  # numpy is imported where arrays are made, so that code generation can do without
+    import numpy as np
+    import numpy.typing as npt
+
+    Int16Array = npt.NDArray[np.int16]
+
+_DTYPES = frozenset(
+    ("float16", "float32", "float64", *(f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)))
+)
 
 
 class Encoder:
     """Turns observations into a controller's input signals: ``clip(rint(obs * 2^(F+s)), -L, L)``, ties to even."""
 
     def __init__(self, controller: Controller) -> None:
+        import numpy as np
+
         self._factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
         self._limit = np.array([float(i.limit) for i in controller.inputs])
 
@@ -33,6 +40,8 @@ class Encoder:
         Raises:
             BitneatError: if a component is NaN, or there are not as many components as inputs.
         """
+        import numpy as np
+
         values = np.asarray(observation, dtype=np.float64)
         if values.shape[-1:] != self._factor.shape:
             raise BitneatError(
@@ -66,7 +75,7 @@ class BoxAction:
         # high - low enters the formula, so it must be finite too.
         if not all(math.isfinite(b - a) and a <= b for a, b in zip(self.low, self.high, strict=True)):
             raise BitneatError("action space: expected a Box with finite bounds, low <= high, and a finite width")
-        if np.dtype(self.dtype).kind not in "fiu":
+        if self.dtype not in _DTYPES:
             raise BitneatError(f"action space: cannot decode to dtype {self.dtype!r}")
 
     @property
@@ -76,6 +85,8 @@ class BoxAction:
 
     def decode(self, outputs: Int16Array, frac_bits: int) -> npt.NDArray[Any]:
         """The action for output signals of shape (num_outputs,), in the space's shape and dtype."""
+        import numpy as np
+
         low = np.array(self.low)
         action = np.clip(outputs.astype(np.float64) / (1 << frac_bits), -1.0, 1.0)
         scaled = low + (action + 1.0) / 2.0 * (np.array(self.high) - low)
@@ -112,7 +123,7 @@ class DiscreteAction:
     def decode(self, outputs: Int16Array, frac_bits: int) -> int:
         """The action for output signals of shape (n,)."""
         del frac_bits  # an argmax has no scale
-        return self.start + int(np.argmax(outputs))
+        return self.start + int(outputs.argmax())
 
     def to_data(self) -> dict[str, Any]:
         """Plain data that `action_from_data` reads back."""
@@ -135,12 +146,14 @@ def action_from_data(data: object) -> Action:
         raise BitneatError(f"action: expected the keys {', '.join(sorted(expected))}, got {', '.join(map(str, data))}")
     if data["kind"] == "discrete":
         return DiscreteAction(data["n"], data["start"])
+    if not isinstance(data["dtype"], str):
+        raise BitneatError("action.dtype: expected the name of a type")
     try:
         return BoxAction(
             _numbers(data["low"], "low", (int, float)),
             _numbers(data["high"], "high", (int, float)),
             tuple(int(v) for v in _numbers(data["shape"], "shape", (int,))),
-            np.dtype(data["dtype"]).name,
+            data["dtype"],
         )
     except (TypeError, ValueError, OverflowError) as error:
         raise BitneatError(f"action: {error}") from None

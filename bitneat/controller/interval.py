@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import NamedTuple
 
-from bitneat.controller.activation import table
+from bitneat.controller.activation import evaluate, table
 from bitneat.controller.ir import SIGNAL_MAX, Controller, Node
 from bitneat.controller.reference import apply_gain, saturate
 
@@ -129,16 +129,15 @@ _EVEN = frozenset({"abs", "hat", "gauss"})
 
 def image(activation: str, argument: Interval, frac_bits: int) -> Interval:
     """The exact smallest and largest value of an activation over an interval within -32767..32767."""
-    values = table(activation, frac_bits)
     if activation in _RISING:
         ends = [argument.low, argument.high]
     elif activation in _EVEN:
         nearest = max(argument.low, -argument.high, 0)
         ends = [nearest, argument.magnitude]
     else:
-        part = values[argument.low + SIGNAL_MAX : argument.high + SIGNAL_MAX + 1]
+        part = table(activation, frac_bits)[argument.low + SIGNAL_MAX : argument.high + SIGNAL_MAX + 1]
         return Interval(int(part.min()), int(part.max()))
-    found = [int(values[end + SIGNAL_MAX]) for end in ends]
+    found = [evaluate(activation, end, frac_bits) for end in ends]
     return Interval(min(found), max(found))
 
 

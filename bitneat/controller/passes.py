@@ -12,8 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from bitneat.controller.activation import output_limit, table
 from bitneat.controller.canonical import rebuilt
 from bitneat.controller.interval import Interval, NodeIntervals, intervals
@@ -262,6 +260,12 @@ class _Draft:
 
 def _acts_as(sign: int, node: Node, argument: Interval, frac_bits: int) -> bool:
     """Whether the node's activation gives ``sign`` times its argument, all over an interval."""
+    if node.activation == "identity":
+        return sign > 0 or argument == (0, 0)
+    if node.activation == "clamped":
+        return argument.magnitude <= 1 << frac_bits if sign > 0 else argument == (0, 0)
+    import numpy as np
+
     arguments = np.arange(argument.low, argument.high + 1)
     values = table(node.activation, frac_bits)[argument.low + SIGNAL_MAX : argument.high + SIGNAL_MAX + 1]
     return bool((values == sign * arguments).all())

@@ -6,7 +6,6 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import secrets
 import stat
 import subprocess
 import sys
@@ -175,7 +174,7 @@ def _processor_features() -> str:
 
 def _build(compiler: Compiler, arguments: Sequence[str], target: Path, *, what: str) -> None:
     """Run the compiler into a temporary file beside ``target`` and rename it, so that ``target`` is whole or absent."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
     quiet = ["-fno-sanitize=undefined"] if compiler.family == "zig" else []  # zig cc traps on it by default
     try:
         done = subprocess.run(

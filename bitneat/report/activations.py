@@ -7,12 +7,13 @@ import hashlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from bitneat.controller.activation import ACTIVATION_NAMES, PROGRAMS, REAL_FUNCTIONS, table
+from bitneat.controller.activation import ACTIVATION_NAMES, PROGRAMS, real_function, table
 from bitneat.controller.ir import SIGNAL_MAX
 from bitneat.report.figure import BLUE, GREY, ORANGE, VERMILION, render, settings
 
@@ -93,7 +94,7 @@ def _real_function(name: str) -> Callable[[FloatArray], FloatArray]:
 
     known = ActivationFunctionSet()
     if not known.is_valid(name):
-        return REAL_FUNCTIONS[name]
+        return partial(real_function, name)
     function = known.get(name)
     return lambda z: np.array([function(value) for value in z.tolist()])
 

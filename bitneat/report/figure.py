@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import PurePath
@@ -76,4 +77,14 @@ def render(figure: Figure, file_type: str, title: str, description: str) -> byte
         metadata |= {"Software": "bitneat"}
     buffer = io.BytesIO()
     figure.savefig(buffer, format=file_type, metadata=metadata)
-    return buffer.getvalue()
+    return _renamed(buffer.getvalue()) if file_type == "svg" else buffer.getvalue()
+
+
+def _renamed(svg: bytes) -> bytes:
+    """The SVG with its hashed names numbered in the order they come: Matplotlib hashes addresses of objects, too."""
+    names: dict[bytes, bytes] = {}
+
+    def number(found: re.Match[bytes]) -> bytes:
+        return names.setdefault(found[0], b"%c%d" % (found[0][:1], len(names)))
+
+    return re.sub(rb"\b[a-zA-Z][0-9a-f]{10}\b", number, svg)

@@ -12,18 +12,20 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 import bitneat
-from bitneat.controller.coding import Int16Array
 from bitneat.native.build import shared_library
 from bitneat.native.compiler import Compiler
 from bitneat.verify.cfile import CFile, CFileError
 from bitneat.verify.child import DECISIONS, READY, REQUEST, RESET, STEPS
 from bitneat.verify.library import Interface
+
+if TYPE_CHECKING:
+    from bitneat.controller.coding import Int16Array
 
 TIME_LIMIT = 20
 """Seconds that the C under test may take for one request, thousands of times what it needs."""

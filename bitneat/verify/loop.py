@@ -11,17 +11,19 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Action, BoxAction, Controller, DiscreteAction, Encoder, Reference
-from bitneat.controller.coding import Int16Array
 from bitneat.controller.ir import SIGNAL_MAX
 from bitneat.sim.environment import make
 from bitneat.verify.implementation import Implementation, ImplementationError
+
+if TYPE_CHECKING:
+    from bitneat.controller.coding import Int16Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from bitneat.controller import (
     Encoder,
     Reference,
 )
-from bitneat.controller.activation import ACTIVATION_CODES, PROGRAMS, REAL_FUNCTIONS, Op, Program, Step, evaluate, table
+from bitneat.controller.activation import ACTIVATION_CODES, PROGRAMS, Op, Program, Step, evaluate, real_function, table
 from tests.controller import second_implementation as second
 from tests.strategies import controllers, controllers_with_inputs, input_vectors, patient, random_controller
 
@@ -95,7 +95,7 @@ class TestTheTextIsTheCode:
             name, _, condition = label.partition(", ")
             for frac_bits, cell in zip(FRAC_BITS, cells, strict=True):
                 z = arguments / 2**frac_bits
-                error = np.abs(table(name, frac_bits) / 2**frac_bits - REAL_FUNCTIONS[name](z))
+                error = np.abs(table(name, frac_bits) / 2**frac_bits - real_function(name, z))
                 if condition:
                     assert condition == "|z| ≤ 4"
                     error = error[np.abs(z) <= 4]
