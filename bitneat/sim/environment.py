@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol
@@ -31,6 +32,8 @@ __all__ = [
     "EpisodeRunner",
     "Shaping",
     "StepController",
+    "allow_imports",
+    "allowed_imports",
     "default_inputs",
     "inspect",
     "make",
@@ -94,6 +97,22 @@ class EpisodeResult:
     steps: int
     terminated: bool
     stalled: bool
+
+
+_allowed_imports: set[str] = set()
+
+
+def allow_imports(modules: Iterable[str]) -> None:
+    """Let environments import these modules, which the user has named: importing runs code.
+
+    A specification comes from a file, perhaps a stranger's, so its own word that a module is needed is not enough.
+    """
+    _allowed_imports.update(modules)
+
+
+def allowed_imports() -> tuple[str, ...]:
+    """The modules allowed so far, for worker processes."""
+    return tuple(sorted(_allowed_imports))
 
 
 def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
