@@ -7,8 +7,6 @@ into one executable, feeds it input sequences, and returns what each implementat
 
 from __future__ import annotations
 
-import atexit
-import shutil
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -108,14 +106,15 @@ def _encodings(controller: Controller) -> list[str]:
 
 def compile_program(main: Path, program: Path, flags: Sequence[str]) -> None:
     """Compile a source with the runtime into a program."""
-    _compile([*flags, f"-I{main.parent}", str(main), *_runtime_objects(tuple(flags)), "-o", str(program)])
+    _compile(
+        [*flags, f"-I{main.parent}", str(main), *_runtime_objects(tuple(flags), main.parent.parent), "-o", str(program)]
+    )
 
 
 @cache
-def _runtime_objects(flags: tuple[str, ...]) -> tuple[str, ...]:
-    """The runtime's objects for these flags, compiled once a process."""
-    folder = Path(tempfile.mkdtemp(prefix="bitneat-runtime-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+def _runtime_objects(flags: tuple[str, ...], base: Path) -> tuple[str, ...]:
+    """The runtime's objects for these flags, compiled once a process, in pytest's temporary folder, which clears itself."""
+    folder = Path(tempfile.mkdtemp(prefix="runtime-", dir=base))
     for name in RUNTIME_SOURCES:
         _compile([*flags, "-c", str(runtime_dir() / "src" / f"{name}.c"), "-o", str(folder / f"{name}.o")])
     return tuple(str(folder / f"{name}.o") for name in RUNTIME_SOURCES)

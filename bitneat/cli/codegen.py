@@ -38,13 +38,17 @@ def run(args: argparse.Namespace) -> int:
     """Generate and write the files."""
     from bitneat import champion as champions
     from bitneat.codegen import generate, selftest
-    from bitneat.codegen.names import check_name
+    from bitneat.codegen.names import check_file_stem, check_name
     from bitneat.files import write_atomic, write_json
 
     output: Path = args.output
-    if output.suffix != ".c":
+    if output.suffix != ".c" or output.is_dir():
         raise BitneatError(f"{output}: expected a file name that ends in .c")
-    name = check_name(args.name, "--name") if args.name else check_name(output.stem, f"{output} (choose with --name)")
+    check_file_stem(output.stem, "-o")
+    if args.name is None:
+        name = check_name(output.stem, f"{output} (choose another with --name)")
+    else:
+        name = check_name(args.name, "--name")
     champion = champions.load(args.champion)
     code = generate(
         champion.controller,
@@ -58,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
     files = {output.with_suffix(".h"): code.header, output: code.source}
     if args.selftest:
         files[output.with_name(f"{output.stem}_selftest.c")] = selftest(code, champion.controller)
+    if args.json in files or args.json == args.champion:
+        raise BitneatError(f"--json {args.json}: is another file of this command")
     for path, text in files.items():
         write_atomic(path, text.encode("ascii"))
     written = ", ".join(str(path) for path in files)

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from bitneat.codegen.names import check_name
+from bitneat.codegen.names import check_file_stem, check_name
 from bitneat.codegen.templating import environment
 from bitneat.codegen.view import Interface, table_view, unrolled_view
 from bitneat.controller import Action, BoxAction, Constant, Controller, Reference
@@ -20,7 +20,7 @@ from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack_blob
 from bitneat.controller.passes import optimize
 from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object
-from bitneat.native.compiler import Compiler, host_compiler, zig_compiler
+from bitneat.native.compiler import Compiler, CompilerError, zig_compiler
 from bitneat.native.elf import measure
 from bitneat.version import __version__
 
@@ -75,10 +75,12 @@ def generate(
 
     Raises:
         CodegenError: if no input reaches an output, or the action space does not fit the outputs.
-        CNameError: if ``name`` cannot prefix C names.
+        CNameError: if ``name`` cannot prefix C names, or ``header_name`` cannot stand in an ``#include``.
         CompilerError: if ``auto`` finds no compiler to measure with.
     """
     check_name(name)
+    if header_name is not None:
+        check_file_stem(header_name.removesuffix(".h"), "header name")
     canonical = controller.canonical
     if all(isinstance(output, Constant) for output in canonical.outputs):
         raise CodegenError("controller: no path from any input to an output, nothing to generate")
@@ -144,25 +146,26 @@ def table_encodings(canonical: Controller) -> list[str]:
 def code_bytes(code: GeneratedC) -> int:
     """Bytes of flash that the code takes on a Cortex-M0 at -Os, tables included, as compiled by ziglang's clang.
 
-    Where that is missing the host's compiler stands in; it ranks styles well enough.
+    Raises:
+        CompilerError: if ziglang is missing. Another compiler could rank the candidates differently, and the same controller
+            would give other files on other machines.
     """
-    compiler, flags = _measuring_compiler()
-    return _code_bytes(code, compiler, flags)
+    zig = zig_compiler("thumb-freestanding-eabi")
+    if zig is None:
+        raise CompilerError(
+            "auto: measures with ziglang's clang, which is missing; pip install ziglang, or choose a --style"
+        )
+    return _code_bytes(code, zig)
 
 
 @cache
-def _code_bytes(code: GeneratedC, compiler: Compiler, flags: tuple[str, ...]) -> int:
+def _code_bytes(code: GeneratedC, compiler: Compiler) -> int:
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
         source = Path(folder, f"{code.name}.c")
         Path(folder, code.header_name).write_text(code.header, encoding="ascii")
         source.write_text(code.source, encoding="ascii")
-        compile_object(source, compiler, [*flags, "-std=c99", "-Os", f"-I{folder}"], Path(folder, "code.o"))
+        compile_object(source, compiler, ["-mcpu=cortex_m0", "-std=c99", "-Os", f"-I{folder}"], Path(folder, "code.o"))
         return measure(Path(folder, "code.o")).flash
-
-
-def _measuring_compiler() -> tuple[Compiler, tuple[str, ...]]:
-    zig = zig_compiler("thumb-freestanding-eabi")
-    return (zig, ("-mcpu=cortex_m0",)) if zig is not None else (host_compiler(), ())
 
 
 def _check_action(controller: Controller, action: Action | None) -> None:

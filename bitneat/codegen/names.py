@@ -21,12 +21,27 @@ _CXX_KEYWORDS = frozenset(
     " requires static_assert static_cast template this thread_local throw true try typeid typename using virtual wchar_t"
     " xor xor_eq".split()
 )
-# Prefixes whose names a C library or header may define: uint8_t, INT16_MAX, str..., mem..., E..., SIG....
-_LIBRARY_PREFIXES = re.compile(r"(u?int(8|16|32|64|ptr|max)|str|mem|wcs|is|to)(_|$)", re.IGNORECASE)
+# Prefixes whose names a C library or bitneat's own runtime may define: uint8_t, INT16_MAX, str_..., mem_..., bn_....
+_LIBRARY_PREFIXES = re.compile(r"(u?int(8|16|32|64|ptr|max)|str|mem|wcs|is|to|bn)(_|$)", re.IGNORECASE)
 
 
 class CNameError(BitneatError):
     """A name cannot prefix C code."""
+
+
+_FILE_STEM = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
+
+
+def check_file_stem(stem: str, source: str) -> str:
+    """The stem itself, if a generated source can include ``stem.h`` by name.
+
+    Raises:
+        CNameError: saying what is wrong and what was expected.
+    """
+    if not _FILE_STEM.fullmatch(stem):
+        shown = stem if len(stem) <= 50 and stem.isprintable() else repr(stem[:50])
+        raise CNameError(f"{source}: {shown!r} cannot name C files (letters, digits, _, +, - and dots)")
+    return stem
 
 
 def check_name(name: str, source: str = "--name") -> str:
@@ -46,7 +61,7 @@ def check_name(name: str, source: str = "--name") -> str:
         raise CNameError(f"{source}: {shown!r} is a reserved word of C or C++; choose another name")
     if name.startswith("_") or "__" in name or name.endswith("_"):
         raise CNameError(f"{source}: {shown!r} makes names that C and C++ reserve (a leading or a double _)")
-    if _LIBRARY_PREFIXES.match(name) or name in ("bn", "main"):
+    if _LIBRARY_PREFIXES.match(name) or name.lower().startswith("bitneat") or name == "main":
         raise CNameError(f"{source}: {shown!r} makes names that belong to the C library or to bitneat's runtime")
     if len(name) > MAX_NAME_LENGTH:
         raise CNameError(f"{source}: {len(name)} characters long, expected at most {MAX_NAME_LENGTH}")

@@ -45,6 +45,7 @@ static enum bn_status read_gains(struct bn_controller *c, struct bn_reader *read
 static uint16_t skip_lists(struct bn_controller *c, struct bn_reader *reader, int has_delays, int has_classes)
 {
     uint16_t num_delayed = 0;
+    c->delayed_at = 0;
     if (has_delays) {
         num_delayed = bn_read_count(reader, (uint16_t)(c->num_inputs + c->num_nodes));
         c->delayed_at = reader->position;
@@ -94,6 +95,9 @@ static void lay_out(struct bn_controller *c, uint16_t num_delayed)
 enum bn_status bn_open(struct bn_controller *c, const uint8_t *blob, size_t size)
 {
     struct bn_reader reader = {blob, size, 0, 0};
+    if (size > (size_t)(UINT32_MAX >> 3)) { /* places in a blob are counted in bits, in 32 of them */
+        return BN_ERROR_SIZE;
+    }
     c->blob = blob;
     c->size = size;
     if (bn_read(&reader, 3) != BN_FORMAT_VERSION) {

@@ -14,7 +14,7 @@ import pytest
 from bitneat.codegen import CNameError, CodegenError, GeneratedC, check_name, code_bytes, generate, selftest
 from bitneat.codegen.runtime import interpreter, known_answers
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
-from bitneat.native.compiler import Compiler, host_compiler, identify, zig_compiler
+from bitneat.native.compiler import Compiler, CompilerError, host_compiler, identify, zig_compiler
 from bitneat.native.data import runtime_dir
 from tests.compiled import WARNINGS
 from tests.strategies import random_controller
@@ -162,6 +162,8 @@ def test_the_selftest_passes_and_catches_a_fault(tmp_path: Path, style: str, con
         ("walker_", "reserve"),
         ("uint8", "belong"),
         ("bn", "belong"),
+        ("bn_population", "belong"),
+        ("bitneat_runtime", "belong"),
         ("w" * 41, "at most 40"),
     ],
 )
@@ -237,3 +239,18 @@ def test_the_guard_takes_any_int16(tmp_path: Path, style: str) -> None:
     command = [*host_compiler().command, "-std=c99", "-O2", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
     subprocess.run([*command, "main.c", "-o", "t"], cwd=tmp_path, check=True)
     assert subprocess.run([tmp_path / "t"], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("stem", ['a"b', "a\nb", "é", "", ".hidden", "a b"])
+def test_a_file_name_that_cannot_stand_in_an_include_is_refused(stem: str) -> None:
+    with pytest.raises(CNameError, match="cannot name C files") as caught:
+        generate(LEGS, "legs", "unrolled", header_name=f"{stem}.h")
+    assert "\n" not in str(caught.value)
+
+
+def test_without_ziglang_nothing_is_chosen_by_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["bitneat.codegen.generate"], "zig_compiler", lambda target: None)
+    with pytest.raises(CompilerError, match="pip install ziglang"):
+        generate(LEGS, "legs")
+    assert generate(LEGS, "legs", "unrolled").style == "unrolled"
+    assert generate(LEGS, "legs", "table", encoding="bytes").encoding == "bytes"

@@ -68,7 +68,7 @@ struct bn_controller {
 size_t bn_controller_size(void);
 
 /* Reads the header of `blob[0..size)`, any bytes at all. The blob must stay where it is while the controller is in use. On
- * BN_OK every field of `*c` is set; the body has not been looked at. */
+ * BN_OK every field of `*c` is set, of `activations` the first num_activations; the body has not been looked at. */
 enum bn_status bn_open(struct bn_controller *c, const uint8_t *blob, size_t size);
 
 /* Checks that body, size and every index and sum are what the interpreter relies on, so that a blob from anywhere can be
