@@ -2,8 +2,7 @@
 """The champion file: a controller, the environment it was evolved in, and where it came from.
 
 `champion.pkl` is a pickle of plain data only and `champion.json` holds the same content; `docs/file-formats.md` lays them out.
-A pickle can run code when it is loaded, so nothing here trusts one: its opcodes are checked against the few that plain data
-needs before a single one is carried out, and the unpickler refuses every global besides.
+A pickle can run code when Python loads it, so Python never does: `bitneat.unpickle` reads it.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import io
 import json
 import math
 import pickle
-import pickletools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,18 +19,12 @@ from typing import Any
 from bitneat.controller import Action, Controller, action_from_data
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped, write_atomic
+from bitneat.unpickle import MAX_DEPTH, UnpickleError, read
 
 FORMAT = "bitneat-champion"
 VERSION = 1
 MAX_FILE_BYTES = 16 * 1024 * 1024
-MAX_DEPTH = 24
 MAX_VALUES = 1_000_000
-
-_PLAIN_OPCODES = frozenset({
-    "PROTO", "FRAME", "STOP", "MARK", "NONE", "NEWTRUE", "NEWFALSE", "BININT", "BININT1", "BININT2", "LONG1",
-    "BINFLOAT", "SHORT_BINUNICODE", "BINUNICODE", "EMPTY_LIST", "APPEND", "APPENDS", "EMPTY_DICT", "SETITEM",
-    "SETITEMS", "EMPTY_TUPLE", "TUPLE", "TUPLE1", "TUPLE2", "TUPLE3", "MEMOIZE", "BINPUT", "BINGET", "LONG_BINGET",
-})  # fmt: skip
 
 
 class ChampionError(BitneatError):
@@ -160,7 +152,7 @@ def loads(content: bytes) -> Champion:
 
 def dumps(champion: Champion) -> str:
     """The champion as JSON text, ended by a newline."""
-    return json.dumps(champion.to_data(), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
+    return json.dumps(_checked(champion.to_data()), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
 
 
 def dump_pickle(champion: Champion) -> bytes:
@@ -184,34 +176,17 @@ def save_json(champion: Champion, path: str | Path) -> None:
 
 
 def plain_pickle(content: bytes) -> Any:
-    """The plain data in a pickle.
+    """The plain data in a pickle, its tuples as lists.
 
     Raises:
         BitneatError: if it holds anything but dictionaries, lists, tuples, strings, numbers, booleans and None, or is damaged.
     """
     try:
-        for opcode, argument, _ in pickletools.genops(content):
-            if opcode.name not in _PLAIN_OPCODES:
-                detail = f" ({argument!r:.60})" if isinstance(argument, str) else ""
-                raise ChampionError(
-                    f"refused: the pickle uses {opcode.name}{detail}, which plain data does not need and can run code"
-                )
-        data = _PlainUnpickler(io.BytesIO(content)).load()
-    except ChampionError:
-        raise
-    except Exception as error:  # a damaged pickle can raise nearly anything
-        raise ChampionError(f"not a champion: a damaged or truncated pickle ({type(error).__name__})") from None
+        data = read(content)
+    except UnpickleError as error:
+        reason = str(error)
+        raise ChampionError(reason if reason.startswith("refused") else f"not a champion: {reason}") from None
     return _checked(data)
-
-
-class _PlainUnpickler(pickle.Unpickler):
-    """The second line of defence, should an opcode that names a global ever pass the first."""
-
-    def find_class(self, module_name: str, global_name: str) -> Any:
-        raise ChampionError(f"refused: the pickle names {module_name}.{global_name}")
-
-    def persistent_load(self, pid: Any) -> Any:
-        raise ChampionError("refused: the pickle has a persistent id")
 
 
 def _plain_json(content: bytes) -> Any:
@@ -228,23 +203,37 @@ def _plain_json(content: bytes) -> Any:
 
 
 def _checked(data: Any) -> Any:
-    """The data, if it is plain, not too deep and not too large once shared parts are counted each time they occur."""
-    pending: list[tuple[Any, int]] = [(data, 0)]
-    values = 0
-    while pending:
-        value, depth = pending.pop()
-        values += 1
-        if values > MAX_VALUES or depth > MAX_DEPTH:
+    """A copy of the data with tuples as lists, if it is plain, not too deep and, shared parts counted each time, not too large."""
+    return _Checker().copy(data, 0)
+
+
+class _Checker:
+    def __init__(self) -> None:
+        self.values = 0
+
+    def copy(self, value: Any, depth: int) -> Any:
+        self.values += 1
+        if self.values > MAX_VALUES or depth > MAX_DEPTH:
             raise ChampionError(f"refused: more than {MAX_VALUES} values or {MAX_DEPTH} levels")
         if isinstance(value, dict):
             if not all(type(key) is str for key in value):
                 raise ChampionError("refused: a key is not a string")
-            pending.extend((item, depth + 1) for item in value.values())
-        elif isinstance(value, (list, tuple)):
-            pending.extend((item, depth + 1) for item in value)
-        elif type(value) is float:
-            if not math.isfinite(value):
-                raise ChampionError("refused: a number is not finite")
-        elif value is not None and type(value) not in (str, int, bool):
+            return {self.copy(key, depth): self.copy(item, depth + 1) for key, item in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [self.copy(item, depth + 1) for item in value]
+        if type(value) is float and not math.isfinite(value):
+            raise ChampionError("refused: a number is not finite")
+        if type(value) is str and not _is_text(value):
+            raise ChampionError(f"refused: a text is not Unicode: {value!a:.60}")
+        if value is not None and type(value) not in (str, int, float, bool):
             raise ChampionError(f"refused: a {type(value).__name__} is not plain data")
-    return data
+        return value
+
+
+def _is_text(value: str) -> bool:
+    """False for a text with half of a surrogate pair, which no file can hold."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True

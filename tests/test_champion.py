@@ -16,6 +16,7 @@ from bitneat import champion as champions
 from bitneat.champion import Champion, EnvironmentSpec
 from bitneat.controller import BoxAction, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.errors import BitneatError
+from bitneat.unpickle import MAX_OPCODES
 
 
 @pytest.fixture
@@ -88,7 +89,6 @@ def test_a_pickle_that_would_run_a_command_is_refused_and_runs_nothing(tmp_path:
         b"\x80\x02Pid\n.",
         b"\x80\x04\x95\x00\x00\x00\x00\x00\x00\x00\x00Q.",
         b"\x80\x02\x82\x01.",
-        b"\x80\x04]r" + struct.pack("<I", 2**31 - 1) + b".",
         b"\x80\x05\x96" + struct.pack("<Q", 2**62) + b".",
         b"\x80\x04\x8d" + struct.pack("<Q", 2**62) + b".",
         b"\x80\x04\x8b" + struct.pack("<I", 2**31 - 1) + b".",
@@ -97,6 +97,10 @@ def test_a_pickle_that_would_run_a_command_is_refused_and_runs_nothing(tmp_path:
 def test_opcodes_that_plain_data_does_not_need_are_refused(content: bytes) -> None:
     with pytest.raises(BitneatError, match=r"refused|damaged"):
         champions.loads(content)
+
+
+def test_a_memo_number_costs_nothing() -> None:
+    assert champions.plain_pickle(b"\x80\x04]r" + struct.pack("<I", 2**31 - 1) + b".") == []
 
 
 def test_every_truncated_champion_is_one_clear_error(champion: Champion) -> None:
@@ -177,6 +181,37 @@ def test_deep_shared_and_unfinite_data_is_refused() -> None:
         champions.loads(b'{"a": NaN}')
     with pytest.raises(BitneatError, match="damaged"):
         champions.loads(b'{"a": ' + b"[" * 100_000)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"\x80\x04}" + b")" + b"\x85" * 100_000 + b"K\x01s.", "levels"),
+        (b"\x80\x04}" + b"]" * 100_000 + b"a" * 99_999 + b"K\x01s.", "levels"),
+        (b"\x80\x04" + b"(" * 100_000, "levels"),
+        (b"\x80\x04}K\x01\x94" + b"".join(b"h%c\x86\x94" % i for i in range(60)) + b"K\x01s.", "used twice"),
+        (b"\x80\x04]\x94h\x00a.", "a list that is used twice"),
+        (b"\x80\x04}]K\x01s.", "a key is not a string"),
+        (b"\x80\x04}\x8c\x03\xed\xa0\x80K\x01s.", "not Unicode"),
+        (b"\x80\x04\x86.", "damaged"),
+        (b"\x80\x04K\x01K\x02a.", "damaged"),
+        (b"\x80\x04" + b"K\x01" * MAX_OPCODES + b".", "operations"),
+    ],
+)
+def test_pickles_made_to_exhaust_their_reader_are_refused(content: bytes, message: str) -> None:
+    with pytest.raises(BitneatError, match=message):
+        champions.plain_pickle(content)
+
+
+def test_tuples_are_written_and_read_as_lists(champion: Champion) -> None:
+    spec = EnvironmentSpec("Pendulum-v1", {"size": (1, (2, 3, 4, 5)), "none": ()})
+    with_tuples = Champion(champion.controller, champion.action, spec)
+    content = champions.dump_pickle(with_tuples)
+    for form in (content, champions.dumps(with_tuples).encode(), pickle.dumps(with_tuples.to_data(), 4)):
+        loaded = champions.loads(form)
+        assert loaded.environment is not None
+        assert loaded.environment.kwargs == {"size": [1, [2, 3, 4, 5]], "none": []}
+        assert champions.dump_pickle(loaded) == content
 
 
 def test_a_file_that_is_too_large_missing_or_a_folder_is_refused(tmp_path: Path) -> None:

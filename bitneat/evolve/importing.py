@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: MIT
 """From a genome that plain neat-python pickled to a controller.
 
-The pickle is foreign, so it is read with an unpickler that knows three class names, neat-python's genome and genes, and builds
-empty stand-ins for them: no code of the file or of neat-python runs.
+The pickle is foreign, so `bitneat.unpickle` reads it; it knows three class names, neat-python's genome and genes, and builds
+stand-ins for them: no code of the file or of neat-python runs.
 """
 
 from __future__ import annotations
 
 import configparser
-import io
 import math
-import pickle
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from bitneat.controller import Constant, Controller, ControllerError, Input, Lin
 from bitneat.controller.ir import GAIN_RANGE, SHIFT_RANGE
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
+from bitneat.unpickle import Record, UnpickleError, read
 
 MAX_GENOME_BYTES = 16 * 1024 * 1024
 NEAT_ACTIVATIONS = ("identity", "clamped", "relu", "abs", "hat", "tanh", "sigmoid", "sin", "gauss")
@@ -29,36 +29,22 @@ class GenomeImportError(BitneatError):
     """A genome cannot be read, or has no equal among controllers."""
 
 
-class _Genome:
+class _Genome(Record):
     """Stands in for neat.genome.DefaultGenome."""
 
     connections: dict[tuple[int, int], _Gene]
     nodes: dict[int, _Gene]
 
 
-class _Gene:
+class _Gene(Record):
     """Stands in for neat.genes.DefaultNodeGene and DefaultConnectionGene."""
 
 
-_ALLOWED: dict[tuple[str, str], Any] = {
+_CLASSES: dict[tuple[str, str], Callable[[], Record]] = {
     ("neat.genome", "DefaultGenome"): _Genome,
     ("neat.genes", "DefaultNodeGene"): _Gene,
     ("neat.genes", "DefaultConnectionGene"): _Gene,
 }
-
-
-class _GenomeUnpickler(pickle.Unpickler):
-    def find_class(self, module_name: str, global_name: str) -> Any:
-        try:
-            return _ALLOWED[module_name, global_name]
-        except KeyError:
-            raise GenomeImportError(
-                f"refused: the pickle names {module_name}.{global_name}; only neat-python's DefaultGenome, DefaultNodeGene and"
-                " DefaultConnectionGene are read"
-            ) from None
-
-    def persistent_load(self, pid: Any) -> Any:
-        raise GenomeImportError("refused: the pickle has a persistent id")
 
 
 @dataclass(frozen=True)
@@ -104,11 +90,9 @@ def read_genome(path: Path) -> Any:
     """
     content = read_capped(path, MAX_GENOME_BYTES)
     try:
-        genome = _GenomeUnpickler(io.BytesIO(content)).load()
-    except GenomeImportError as error:
+        genome = read(content, _CLASSES)
+    except UnpickleError as error:
         raise GenomeImportError(f"{path}: {error}") from None
-    except Exception as error:  # a damaged pickle can raise nearly anything
-        raise GenomeImportError(f"{path}: a damaged or truncated pickle ({type(error).__name__})") from None
     if not isinstance(genome, _Genome):
         raise GenomeImportError(f"{path}: holds a {type(genome).__name__}, expected a genome of neat-python")
     for part in ("nodes", "connections"):

@@ -186,12 +186,30 @@ def test_a_genome_pickle_is_read_without_running_anything(tmp_path: Path, config
     read = read_genome(path)
     assert type(read).__module__ == "bitneat.evolve.importing"
     assert set(read.nodes) == set(genome.nodes)
+    assert convert(read, SHAPE, INPUTS, 8) == convert(genome, SHAPE, INPUTS, 8)
     canary = tmp_path / "canary"
     genome.payload = Payload(canary)
     path.write_bytes(pickle.dumps(genome, protocol))
     with pytest.raises(BitneatError, match=r"winner\.pkl: refused: the pickle names posix\.mkdir"):
         read_genome(path)
     assert not canary.exists()
+
+
+def test_genome_pickles_made_to_exhaust_their_reader_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "winner.pkl"
+    pair = b"".join(b"h%c\x86\x94" % i for i in range(60))
+    for content, message in (
+        (b"\x80\x04}" + b")" + b"\x85" * 100_000 + b"K\x01s.", "levels"),
+        (b"\x80\x04}K\x01\x94" + pair + b"K\x01s.", "used twice"),
+        (b"\x80\x04}K\x01K\x02\x86\x94h\x00\x86K\x01s.", "a key is not"),
+        (b"\x80\x04}]K\x01s.", "a key is not"),
+        (b"\x80\x02cneat.genome\nDefaultGenome\nK\x01\x85\x81.", "made with arguments"),
+        (b"\x80\x02cneat.genome\nDefaultGenome\n)\x81K\x01b.", "the state of an object"),
+        (b"\x80\x02cneat.genome\nDefaultGenome\n)R.", "uses REDUCE"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(BitneatError, match=message):
+            read_genome(path)
 
 
 def test_files_that_hold_no_genome_are_refused(tmp_path: Path) -> None:
