@@ -33,7 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--env-arg", metavar="K=V", action="append", help="argument of the environment, a Python literal or a string"
     )
     parser.add_argument(
-        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
+        "--import",
+        metavar="MODULE",
+        action="append",
+        dest="imports",
+        help="import MODULE, which registers ID (again with --resume)",
     )
     parser.add_argument(
         "--config", metavar="FILE|PRESET", help="configuration (default: the preset of the environment)"
@@ -60,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.time is not None and not 0 < args.time < float("inf"):
         raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
+    _allow_imports(args.imports or [])
     if args.resume is None:
         settings = _new_settings(args)
         path = args.output or Path("runs") / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
@@ -79,6 +84,15 @@ def run(args: argparse.Namespace) -> int:
 
         write_json(args.json, summary(folder, outcome))
     return 0
+
+
+def _allow_imports(modules: list[str]) -> None:
+    from bitneat.sim.environment import allow_imports
+
+    for module in modules:
+        if not all(part.isidentifier() for part in module.split(".")):
+            raise BitneatError(f"--import {module!r}: expected the name of a module")
+    allow_imports(modules)
 
 
 def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
@@ -168,7 +182,7 @@ def _with_generations(config: Config, generations: int | None) -> Config:
 
 def _refuse_other_settings(args: argparse.Namespace) -> None:
     given = {
-        "--env": args.env, "--env-arg": args.env_arg, "--import": args.imports, "--pop": args.pop,
+        "--env": args.env, "--env-arg": args.env_arg, "--pop": args.pop,
         "--seed": args.seed, "-o": args.output,
     }  # fmt: skip
     for option, value in given.items():

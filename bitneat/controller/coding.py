@@ -72,6 +72,8 @@ class BoxAction:
     def __post_init__(self) -> None:
         if not self.low or len(self.low) != len(self.high) or math.prod(self.shape) != len(self.low):
             raise BitneatError("action space: low, high and shape of the Box do not agree")
+        if min(self.shape, default=1) < 1:
+            raise BitneatError("action space: the shape of the Box has an axis without components")
         # high - low enters the formula, so it must be finite too.
         if not all(math.isfinite(b - a) and a <= b for a, b in zip(self.low, self.high, strict=True)):
             raise BitneatError("action space: expected a Box with finite bounds, low <= high, and a finite width")

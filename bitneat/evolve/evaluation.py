@@ -15,7 +15,7 @@ from bitneat.controller import Action, Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.pool import WorkerPool
 from bitneat.runtime import RuntimeController
-from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping
+from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping, allow_imports, allowed_imports
 
 
 class Evaluator(Protocol):
@@ -81,6 +81,7 @@ class EpisodeJobs:
         self._action = action
         self._max_steps = max_steps
         self._last: tuple[bytes, EpisodeRunner] | None = None
+        self._allowed = allowed_imports()
 
     def __call__(self, job: tuple[bytes, tuple[int, ...], Shaping | None]) -> list[EpisodeResult]:
         """The episodes of one job; the job comes from our own process, never from a file."""
@@ -90,12 +91,17 @@ class EpisodeJobs:
             return [run(seed, self._max_steps, shaping) for seed in seeds]
         except BitneatError:
             raise
-        except Exception as error:  # the environment is foreign code
+        except (Exception, SystemExit) as error:  # the environment is foreign code
             reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise BitneatError(f"environment {self._spec.id}: an episode failed: {reason}") from error
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_last": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # A worker starts afresh: what the user allowed goes with the jobs.
+        self.__dict__.update(state)
+        allow_imports(self._allowed)
 
     def _runner(self, blob: bytes) -> EpisodeRunner:
         if self._last is None or self._last[0] != blob:

@@ -119,13 +119,10 @@ def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
     """A new environment, without Gymnasium's passive checker, which alters no result.
 
     Raises:
-        BitneatError: if the id is unknown, an argument is wrong, or a dependency is missing.
+        BitneatError: if the id is unknown or would import a module, a module was not allowed, an argument is wrong, or a
+            dependency is missing.
     """
-    for module in spec.imports:
-        try:
-            importlib.import_module(module)
-        except ImportError as error:
-            raise UnfitEnvironmentError(f"--import {module}: {error}") from None
+    _import_modules(spec)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -134,27 +131,55 @@ def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
         raise UnfitEnvironmentError(f"environment {spec.id}: a dependency is missing: {_one_line(error)}") from None
     except (gymnasium.error.Error, ImportError, TypeError, ValueError, AssertionError) as error:
         raise UnfitEnvironmentError(f"environment {spec.id}: {_one_line(error)}") from None
+    except (Exception, SystemExit) as error:  # the environment is foreign code
+        raise UnfitEnvironmentError(f"environment {spec.id}: cannot be made: {_named(error)}") from None
+
+
+def _import_modules(spec: EnvironmentSpec) -> None:
+    if ":" in spec.id:
+        raise UnfitEnvironmentError(
+            f"environment {spec.id}: an id with ':' imports a module; name the module with --import, and the id alone"
+        )
+    for module in spec.imports:
+        if module not in _allowed_imports:
+            raise UnfitEnvironmentError(
+                f"environment {spec.id}: needs --import {module} (it imports a module, which can run any code;"
+                " name it if you trust it)"
+            )
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise UnfitEnvironmentError(f"--import {module}: {_one_line(error)}") from None
+        except (Exception, SystemExit) as error:  # the module is foreign code
+            raise UnfitEnvironmentError(f"--import {module}: {_named(error)}") from None
 
 
 def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
+def _named(error: BaseException) -> str:
+    return ": ".join(filter(None, (type(error).__name__, " ".join(str(error).split()))))
+
+
 def inspect(spec: EnvironmentSpec) -> EnvironmentInfo:
-    """Make the environment once and read its spaces.
+    """Make the environment once and read its spaces; a Box of several axes counts as one of its components in a row.
 
     Raises:
-        BitneatError: if the observation is not a Box of at most one axis (an image of any size is refused) or the action is
-            neither a bounded Box nor Discrete.
+        BitneatError: if the observation is not a Box of numbers or is an image (bytes in several axes), or the action is
+            neither a bounded Box nor a Discrete.
     """
     environment = make(spec)
     try:
         low, high = _observation_bounds(spec, environment.observation_space)
         action = _action(spec, environment.action_space)
         limit = environment.spec.max_episode_steps if environment.spec is not None else None
-        return EnvironmentInfo(low, high, action, limit)
-    finally:
         environment.close()
+        return EnvironmentInfo(low, high, action, limit)
+    except BitneatError:
+        raise
+    except (Exception, SystemExit) as error:  # the environment is foreign code
+        raise UnfitEnvironmentError(f"environment {spec.id}: cannot be inspected: {_named(error)}") from None
 
 
 def _observation_bounds(spec: EnvironmentSpec, space: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -176,6 +201,8 @@ def _observation_bounds(spec: EnvironmentSpec, space: Any) -> tuple[tuple[float,
 def _action(spec: EnvironmentSpec, space: Any) -> Action:
     where = f"environment {spec.id}: its action is"
     if isinstance(space, gymnasium.spaces.Discrete):
+        if not -(2**31) < space.start < 2**31 - space.n:
+            raise UnfitEnvironmentError(f"{where} a Discrete space whose start {space.start} does not fit 32 bits")
         return DiscreteAction(int(space.n), int(space.start))
     if not isinstance(space, gymnasium.spaces.Box):
         raise UnfitEnvironmentError(f"{where} a {type(space).__name__} space, expected a bounded Box or Discrete")
@@ -251,7 +278,7 @@ class EpisodeRunner:
         ``max_steps`` must not exceed the environment's own time limit, which its faster equals do not know.
 
         Raises:
-            BitneatError: if an observation holds a NaN.
+            BitneatError: if an observation holds a NaN or the rewards do not add up to a finite number.
         """
         environment = make(self._spec) if self._lean is None else self._lean
         try:
@@ -295,6 +322,10 @@ class EpisodeRunner:
             elif steps - best_step >= stall_steps:
                 stalled = True
                 break
+        if not math.isfinite(total):  # once it is not, no further reward can mend it
+            raise UnfitEnvironmentError(
+                f"environment {self._spec.id}: a reward of seed {seed} is {last}, or their sum too large"
+            )
         shaped = total
         if terminated and last == shaping.fall_reward:
             shaped += shaping.fall_value - last

@@ -95,6 +95,17 @@ def test_a_module_that_registers_an_environment_is_imported_by_workers_too(tiny:
     assert main(["evolve", *arguments, "--workers", "2", "-o", "run"]) == 0
 
 
+def test_a_resumed_run_imports_what_the_user_names_again(
+    tiny: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--env", "bitneat/Matrix-v0", "--import", "tests.sim.strange", "--config", tiny, "--generations", "1"]
+    assert main(["evolve", *arguments, "--workers", "1", "-o", "run"]) == 0
+    monkeypatch.setattr("bitneat.sim.environment._allowed_imports", set())
+    assert main(["evolve", "--resume", "run", "--workers", "1"]) == 2
+    assert "needs --import tests.sim.strange" in capsys.readouterr().err
+    assert main(["evolve", "--resume", "run", "--import", "tests.sim.strange", "--workers", "1"]) == 0
+
+
 def test_a_run_can_be_made_longer(tiny: str) -> None:
     common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]
     assert main(["evolve", *common, "--generations", "2", "-o", "short"]) == 0
@@ -143,6 +154,11 @@ def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
         (["--env", "CartPole-v1", "--env-arg", "wings=2"], "environment CartPole-v1: "),
         (["--env-arg", "hardcore"], "--env-arg hardcore: expected NAME=VALUE"),
         (["--import", "no_such_module"], "--import no_such_module"),
+        (["--import", ""], "--import '': expected the name of a module"),
+        (["--import", ".x"], "--import '.x': expected the name of a module"),
+        (["--env", "no_such_module:Some-v0"], "an id with ':' imports a module"),
+        (["--env", "bitneat/Broken-v0"], "cannot be made: KeyError"),
+        (["--env", "bitneat/NaNReward-v0"], "a reward of seed"),
         (["--config", "none.ini"], "none.ini: neither a file nor a preset"),
         (["--pop", "1"], "--pop"),
         (["--generations", "0"], "--generations"),

@@ -22,6 +22,12 @@ _SPACES: dict[str, tuple[Any, Any]] = {
     "Missing": (_PLAIN, _PLAIN),
     "Endless": (_PLAIN, _PLAIN),
     "Failing": (_PLAIN, _PLAIN),
+    "Broken": (_PLAIN, _PLAIN),
+    "Quitting": (_PLAIN, _PLAIN),
+    "NaNReward": (_PLAIN, _PLAIN),
+    "InfReward": (_PLAIN, _PLAIN),
+    "Far": (_PLAIN, spaces.Discrete(3, start=2**40)),
+    "Huge": (spaces.Box(-1.0, 1.0, (130, 130), np.float32), _PLAIN),
 }
 
 
@@ -31,6 +37,10 @@ class Strange(gymnasium.Env[Any, Any]):
     def __init__(self, kind: str) -> None:
         if kind == "Missing":
             raise gymnasium.error.DependencyNotInstalled("pip install\nsomething")
+        if kind == "Broken":
+            raise KeyError("no\nwheels")
+        if kind == "Quitting":
+            raise SystemExit(0)
         self.observation_space, self.action_space = _SPACES[kind]
         self._kind = kind
         self._steps = 0
@@ -45,7 +55,8 @@ class Strange(gymnasium.Env[Any, Any]):
         self._steps += 1
         if self._kind == "Failing":
             raise RuntimeError("the wheels\ncame off")
-        return self._observation(), 1.0, False, False, {}
+        reward = {"NaNReward": np.nan, "InfReward": np.inf}.get(self._kind, 1.0)
+        return self._observation(), reward, False, False, {}
 
     def _observation(self) -> Any:
         value = np.ones(self.observation_space.shape, self.observation_space.dtype)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import random
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -15,7 +16,7 @@ from bitneat.controller import BoxAction, DiscreteAction, Encoder, Reference
 from bitneat.errors import BitneatError
 from bitneat.runtime import RuntimeController
 from bitneat.sim import bipedal
-from bitneat.sim.environment import EpisodeRunner, Shaping, default_inputs, inspect, make
+from bitneat.sim.environment import EpisodeRunner, Shaping, allow_imports, default_inputs, inspect, make
 from tests.sim.strange import register
 from tests.strategies import random_controller
 
@@ -43,11 +44,14 @@ def test_spaces_of_the_supported_environments_are_read(name: str, shape: tuple[i
     [
         ("NoSuchEnvironment-v0", "environment NoSuchEnvironment-v0: "),
         ("CartPole-v77", "environment CartPole-v77: "),
-        ("no_such_module:Some-v0", "no_such_module"),
+        ("no_such_module:Some-v0", "an id with ':' imports a module; name the module with --import"),
         ("bitneat/Dict-v0", "its observation is a Dict space, expected a Box"),
         ("bitneat/Image-v0", r"its observation is an image of shape \(8, 8, 3\)"),
         ("bitneat/Unbounded-v0", "its action is an unbounded Box"),
         ("bitneat/MultiBinary-v0", "its action is a MultiBinary space"),
+        ("bitneat/Far-v0", "a Discrete space whose start 1099511627776 does not fit 32 bits"),
+        ("bitneat/Broken-v0", "cannot be made: KeyError: 'no"),
+        ("bitneat/Quitting-v0", "cannot be made: SystemExit: 0"),
         ("bitneat/Missing-v0", "a dependency is missing: pip install"),
     ],
 )
@@ -60,8 +64,34 @@ def test_environments_that_no_controller_can_serve_are_refused_in_one_line(name:
 def test_a_wrong_argument_or_import_is_refused() -> None:
     with pytest.raises(BitneatError, match=r"CartPole-v1: .*wings"):
         inspect(EnvironmentSpec("CartPole-v1", {"wings": 2}))
-    with pytest.raises(BitneatError, match="--import no_such_module"):
+    allow_imports(["no_such_module"])
+    with pytest.raises(BitneatError, match="--import no_such_module: No module named"):
         inspect(EnvironmentSpec("CartPole-v1", {}, ("no_such_module",)))
+
+
+def test_a_module_is_imported_only_if_the_user_named_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "stranger_module.py").write_text("raise SystemExit(0)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    spec = EnvironmentSpec("CartPole-v1", {}, ("stranger_module",))
+    with pytest.raises(BitneatError, match="environment CartPole-v1: needs --import stranger_module"):
+        make(spec)
+    allow_imports(["stranger_module"])
+    with pytest.raises(BitneatError, match="--import stranger_module: SystemExit: 0"):
+        make(spec)
+
+
+@pytest.mark.parametrize("kind", ["NaNReward", "InfReward"])
+def test_rewards_that_are_no_numbers_are_refused(kind: str) -> None:
+    spec = EnvironmentSpec(f"bitneat/{kind}-v0")
+    info = inspect(spec)
+    controller = random_controller(random.Random(1), size="small", num_inputs=2, num_outputs=2)
+    with pytest.raises(BitneatError, match=r"a reward of seed 3 is (nan|inf)"):
+        EpisodeRunner(spec, controller, info.action, RuntimeController(controller))(3, 20)
+
+
+def test_a_box_with_an_axis_below_one_is_refused() -> None:
+    with pytest.raises(BitneatError, match="an axis without components"):
+        BoxAction((0.0, 0.0), (1.0, 1.0), (-1, -2), "float32")
 
 
 def test_limits_follow_finite_bounds_and_small_ranges_are_scaled_up() -> None:
