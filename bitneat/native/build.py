@@ -142,9 +142,14 @@ def _inputs(sources: Sequence[Path], include_dirs: Sequence[Path]) -> Iterator[P
     """Give every file that the compiler may read, the system's own headers apart, in a fixed order."""
     yield from sources
     for folder in dict.fromkeys(source.parent for source in sources):
-        yield from sorted(path for path in folder.iterdir() if path.suffix in _HEADER_SUFFIXES)
+        yield from sorted(path for path in folder.iterdir() if _is_header(path))
     for folder in include_dirs:
-        yield from sorted(path for path in folder.rglob("*") if path.suffix in _HEADER_SUFFIXES)
+        yield from sorted(path for path in folder.rglob("*") if _is_header(path))
+
+
+def _is_header(path: Path) -> bool:
+    # A pipe named like a header would never end, and a folder or a broken link cannot be read.
+    return path.suffix in _HEADER_SUFFIXES and path.is_file()
 
 
 def _read(path: Path) -> bytes:

@@ -185,3 +185,10 @@ def test_an_object_for_another_machine_is_compiled_where_it_is_asked_for(source:
     with pytest.raises(CompilerError, match=r"answer\.h"):
         compile_object(source, compiler, [], tmp_path / "other.o")
     assert not (tmp_path / "other.o").exists()
+
+
+def test_what_is_named_like_a_header_and_is_no_file_is_left_alone(source: Path) -> None:
+    os.mkfifo(source.parent / "pipe.h")
+    (source.parent / "folder.h").mkdir()
+    (source.parent.parent / "include" / "broken.h").symlink_to("nowhere")
+    assert answer(build(source)) == 42
