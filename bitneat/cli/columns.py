@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""Small tables in plain text."""
+"""Plain text: small tables, and what comes from files made fit to print."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+
+def printable(text: str) -> str:
+    """The text with what would control a terminal, or could not be printed, escaped."""
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text)
 
 
 def columns(head: Sequence[str], rows: Sequence[Sequence[object]], *, indent: str = "  ") -> str:

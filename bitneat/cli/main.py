@@ -15,13 +15,16 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
+from bitneat.cli.columns import printable
 from bitneat.errors import BitneatError
 from bitneat.version import __version__
 
@@ -111,6 +114,8 @@ def _run(argv: list[str]) -> int:
         args = parser.parse_args(argv)
     except SystemExit as stop:  # --help and --version, which have printed what they had to
         return int(stop.code or GOOD)
+    if getattr(args, "json", None) is not None:
+        _require_writable(args.json)
     return int(args.run(args))
 
 
@@ -125,8 +130,22 @@ def _no_such_command(name: str) -> str:
     return f"{name}: no such command; {hint}"
 
 
+def _require_writable(path: Path) -> None:
+    """Notice before the work, and not after it, that its result could not be written."""
+    target = Path(os.path.realpath(path))
+    reason = None
+    if target.is_dir():
+        reason = errno.EISDIR
+    elif not target.parent.is_dir():
+        reason = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+    elif (target.is_file() or not target.exists()) and not os.access(target.parent, os.W_OK | os.X_OK):
+        reason = errno.EACCES
+    if reason is not None:
+        raise BitneatError(f"{path}: cannot write: {os.strerror(reason)}")
+
+
 def _fail(message: str, status: int) -> int:
-    print("bitneat:", " ".join(message.split("\n")), file=sys.stderr)
+    print("bitneat:", printable(" ".join(message.split("\n"))), file=sys.stderr)
     return status
 
 

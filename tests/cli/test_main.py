@@ -58,6 +58,7 @@ def test_a_commands_status_is_the_exit_status(status: int, command: Callable[[Ca
         (CheckFailedError("walker.c: stale"), 1, "bitneat: walker.c: stale\n"),
         (BitneatError("a.pkl: no champion"), 2, "bitneat: a.pkl: no champion\n"),
         (BitneatError("first\nsecond"), 2, "bitneat: first second\n"),
+        (BitneatError("a \x1b[2Jb\r\u202e\udcff"), 2, "bitneat: a \\x1b[2Jb\\r\\u202e\\udcff\n"),
         (FileNotFoundError(2, "No such file or directory", "a.pkl"), 2, "bitneat: a.pkl: No such file or directory\n"),
         (PermissionError(13, "Permission denied", b"a"), 2, "bitneat: a: Permission denied\n"),
         (OSError(18, "Cross-device link", "a", None, "b"), 2, "bitneat: a -> b: Cross-device link\n"),
@@ -170,3 +171,19 @@ def test_a_full_standard_output_is_one_line_and_status_2() -> None:
     with Path("/dev/full").open("w") as full:
         done = run_buffered(sys.executable, "-m", "bitneat", "--help", stdout=full)
     assert (done.returncode, done.stderr) == (2, "bitneat: No space left on device\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("no/out.json", "No such file or directory"), (".", "Is a directory"), ("f/o", "Not a directory")],
+)
+def test_a_result_that_cannot_be_written_is_noticed_before_the_work(
+    name: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("f").touch()
+    for command in ("verify", "size"):
+        assert main([command, "nothing.pkl", "--json", name]) == 2
+        assert capsys.readouterr().err == f"bitneat: {name}: cannot write: {reason}\n"
+    assert main(["size", "nothing.pkl", "--json", "/dev/stdout"]) == 2
+    assert "nothing.pkl: cannot read" in capsys.readouterr().err
