@@ -10,15 +10,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.columns import columns
+from bitneat.cli.columns import columns, printable
 from bitneat.cli.size import add_targets, target_names
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
     from bitneat.champion import Champion
+    from bitneat.codegen import Style
     from bitneat.verify.campaign import FaultResult
     from bitneat.verify.cfile import CFile
     from bitneat.verify.check import Report, Settings
@@ -112,22 +113,33 @@ def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[C
     if args.c is not None:
         return CFile.read(args.c), True
     found = find(champion, args.champion, (args.champion.parent, Path.cwd()))
+    if found.stale is not None:
+        return found.stale, True
     if found.matching:
         first, *others = found.matching
         if others:
             names = ", ".join(str(code.path) for code in others)
             print(f"also generated for this controller, not checked now: {names}")
         return first, True
-    if found.stale is not None:
-        return found.stale, True
     code = generate(
         champion.controller,
         c_name_for(args.champion),
+        _style_for(args),
         action=champion.action,
         environment_id=champion.environment.id if champion.environment else "",
     )
     print(f"no generated C for this controller beside {args.champion} or here: generated it for this check alone")
     return CFile.write(code, folder), False
+
+
+def _style_for(args: argparse.Namespace) -> Style | Literal["auto"]:
+    """The style to generate: the only one that the targets run, or codegen's choice."""
+    from bitneat.verify.targets import select
+
+    names = target_names(args.targets)
+    targets = [] if names is None else [ready.target for ready in select(names)]
+    styles = {style for target in targets if target.runs for style in target.styles}
+    return styles.pop() if len(styles) == 1 else "auto"
 
 
 def _targets_of_style(code: CFile) -> list[str]:
@@ -238,14 +250,17 @@ def render(report: Report) -> str:
         lines.append(columns(("target", "style", "steps", "mismatches", "flash", "RAM", "stack", "compiler"), rows))
     name = report.code.path if report.handed_out else report.code.path.name
     if report.passed:
-        ran = sum(entry["steps_compared"] is not None for entry in data["targets"])
+        ran = [entry for entry in data["targets"] if entry["steps_compared"] is not None]
+        own = [entry["name"] for entry in ran if entry["style"] == report.code.style]
+        others = [f"{entry['style']} style on {entry['name']}" for entry in ran if entry["style"] != report.code.style]
         lines.append(
-            f"PASS {name}: equal to the reference in every output bit of {data['steps']} steps on {ran} targets"
+            f"PASS {name}: equal to the reference in every output bit of {data['steps']} steps on {', '.join(own)}"
+            + (f"; so is its {', '.join(others)}" if others else "")
         )
     else:
         lines += [f"failure: {failure}" for failure in report.failures[1:]]
         lines.append(f"FAIL {report.failures[0]}")
-    return "\n".join(lines)
+    return "\n".join(printable(line) for text in lines for line in text.split("\n"))
 
 
 def _render_inputs(data: dict[str, Any]) -> list[str]:

@@ -28,6 +28,7 @@ from bitneat.verify.check import (
     domain_vectors,
     environment_of,
     generated_weights,
+    require_run,
     table_fault,
     verify,
 )
@@ -55,6 +56,7 @@ def verify_fault(
     progress: Progress | None = None,
 ) -> tuple[Fault, Report]:
     """Verify a copy of a file with one fault in it. That its text differs does not count, only what follows from it."""
+    require_run(code, targets)
     fault = choose(code, number)
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
         faulty = plant(code, fault, Path(folder))

@@ -19,10 +19,12 @@ from bitneat.codegen import Style
 from bitneat.controller import Controller
 from bitneat.controller.packing import PackedFormatError, pack, unpack
 from bitneat.errors import BitneatError
+from bitneat.native.compiler import CompilerError
 from bitneat.sim.environment import inspect
-from bitneat.verify.cfile import CFile
+from bitneat.verify.cfile import CFile, CFileError
+from bitneat.verify.implementation import HOST_FLAGS
 from bitneat.verify.loop import Comparison, Lane, LoopResult, Mismatch, Progress, closed_loop
-from bitneat.verify.machine import Examination, examine
+from bitneat.verify.machine import Examination, examine, loading_violations
 from bitneat.verify.targets import ReadyTarget
 from bitneat.verify.vectors import SEQUENCE, random_vectors
 from bitneat.version import __version__
@@ -146,7 +148,7 @@ class Settings:
     """How much is checked.
 
     ``environment`` stands in for the champion's own; ``max_steps`` cuts episodes short. ``compare_text`` says whether a file
-    that is not what codegen writes is worth a warning, ``record`` whether the report's episodes keep what the reference was asked
+    must be what codegen writes, ``record`` whether the report's episodes keep what the reference was asked
     and answered.
     """
 
@@ -202,7 +204,8 @@ def verify(
         progress: told of each episode.
 
     Raises:
-        BitneatError: if the file cannot be compiled or does not have the champion's shape, or the environment cannot be used.
+        BitneatError: if the file cannot be compiled although nobody edited it, none of the targets runs it, or the
+            environment cannot be used.
     """
     settings = settings or Settings()
     spec = environment_of(champion, settings)
@@ -210,18 +213,51 @@ def verify(
     stale = stale_claims(champion, code)
     if stale:
         return replace(report, failures=tuple(stale))
-    _require_shape(champion, code)
+    require_run(code, targets)
+    wrong = _wrong_shape(champion, code)
+    if wrong is not None:
+        return replace(report, failures=(wrong,))
     check = _Check(champion, code)
     check.text(compare=settings.compare_text)
+    try:
+        return _run(check, report, spec, targets, settings=settings, progress=progress)
+    except (CompilerError, CFileError) as error:
+        if not check.failures:
+            raise
+        return replace(report, failures=(*check.failures, str(error)), warnings=tuple(check.warnings))
+
+
+def _run(
+    check: _Check,
+    report: Report,
+    spec: EnvironmentSpec,
+    targets: Sequence[ReadyTarget],
+    *,
+    settings: Settings,
+    progress: Progress | None,
+) -> Report:
+    """Examine every object, and run those that are fit to be loaded."""
+    champion, code = check.champion, check.code
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder, ExitStack() as stack:
+        examined = [(ready, one, check.examine(ready, one)) for ready, one in check.pairs(targets, Path(folder))]
         work = []
-        for ready, one in check.pairs(targets, Path(folder)):
-            lanes = []
+        for ready, one, examination in examined:
+            lanes: list[Lane] = []
+            work.append((ready, one, examination, lanes))
+            if examination.violations or not ready.target.runs:
+                continue
             for implementation in ready.target.implementations(one, ready.toolchain):
                 stack.callback(implementation.close)
                 lanes.append(Lane(implementation))
-            work.append((ready, one, lanes))
-        all_lanes = [lane for _, _, lanes in work for lane in lanes]
+        all_lanes = [lane for *_, lanes in work for lane in lanes]
+        if not any(lanes for _, one, _, lanes in work if one is code):
+            # It would be no news that the rest of it works.
+            return replace(
+                report,
+                failures=tuple(check.failures),
+                warnings=tuple(check.warnings),
+                targets=tuple(_target_report(ready, one, examination, ()) for ready, one, examination, _ in work),
+            )
         comparison = Comparison(champion.controller, champion.action, all_lanes)
         loop = closed_loop(
             comparison,
@@ -232,7 +268,6 @@ def verify(
             progress=progress,
         )
         comparison.vectors(*domain_vectors(champion.controller))
-        reports = [check.target(ready, one, lanes) for ready, one, lanes in work]
     first = [lane.first for lane in all_lanes if lane.first is not None]
     check.failures = [*(str(mismatch) for mismatch in first), *check.failures]
     return replace(
@@ -240,7 +275,7 @@ def verify(
         failures=tuple(check.failures),
         warnings=tuple(check.warnings),
         loop=loop,
-        targets=tuple(reports),
+        targets=tuple(_target_report(*entry) for entry in work),
         mismatch=first[0] if first else None,
     )
 
@@ -283,15 +318,28 @@ def generated_weights(champion: Champion, code: CFile) -> bytes | None:
     return None if table is None else table[0]
 
 
-def _require_shape(champion: Champion, code: CFile) -> None:
+def require_run(code: CFile, targets: Sequence[ReadyTarget]) -> None:
+    """Nothing can be said of a file that is not run, however well its other style does.
+
+    Raises:
+        BitneatError: if none of the targets runs it.
+    """
+    if not any(ready.target.runs and code.style in ready.target.styles for ready in targets):
+        raise BitneatError(
+            f"--targets: no target of these runs {code.path} (style {code.style}); add host-{code.style}"
+        )
+
+
+def _wrong_shape(champion: Champion, code: CFile) -> str | None:
     controller = champion.controller
     expected = (len(controller.inputs), len(controller.outputs), controller.frac_bits)
     found = (code.num_inputs, code.num_outputs, code.frac_bits)
     if found != expected:
-        raise BitneatError(
-            f"{code.header_path}: says {found[0]} inputs, {found[1]} outputs, {found[2]} fractional bits; the controller has"
-            f" {expected[0]}, {expected[1]}, {expected[2]}"
+        return (
+            f"{code.header_path}: edited: says {found[0]} inputs, {found[1]} outputs, {found[2]} fractional bits; the"
+            f" controller has {expected[0]}, {expected[1]}, {expected[2]}"
         )
+    return None
 
 
 @dataclass
@@ -327,7 +375,7 @@ class _Check:
         ):
             if found != wanted:
                 line = _first_differing_line(found, wanted)
-                self.warnings.append(f"{path}: edited: line {line} is not what codegen writes for this controller")
+                self.failures.append(f"{path}: edited: line {line} is not what codegen writes for this controller")
 
     def pairs(self, targets: Sequence[ReadyTarget], folder: Path) -> list[tuple[ReadyTarget, CFile]]:
         """Each target with each of its styles: the file itself in its own style, generated in the other."""
@@ -341,19 +389,27 @@ class _Check:
                 pairs.append((ready, files[style]))
         return pairs
 
-    def target(self, ready: ReadyTarget, code: CFile, lanes: Sequence[Lane]) -> TargetReport:
-        """Examine the object, and add up what was found about the code in it."""
+    def examine(self, ready: ReadyTarget, code: CFile) -> Examination:
+        """Look at the object, before anything of it is run."""
         examination = examine(code, ready.toolchain)
+        if ready.target.runs:
+            found = loading_violations(code, ready.toolchain.compiler, (*ready.toolchain.flags, *HOST_FLAGS))
+            violations = dict.fromkeys((*examination.violations, *found))
+            examination = replace(examination, violations=tuple(violations))
         where = ready.target.name if len(ready.target.styles) == 1 else f"{ready.target.name} ({code.style})"
         self.failures += [f"{where}: {violation}" for violation in examination.violations]
-        return TargetReport(
-            name=ready.target.name,
-            compiler=ready.toolchain.compiler.title,
-            style=code.style,
-            steps_compared=min((lane.steps for lane in lanes), default=None),
-            mismatches=sum(lane.mismatches for lane in lanes) if lanes else None,
-            examination=examination,
-        )
+        return examination
+
+
+def _target_report(ready: ReadyTarget, code: CFile, examination: Examination, lanes: Sequence[Lane]) -> TargetReport:
+    return TargetReport(
+        name=ready.target.name,
+        compiler=ready.toolchain.compiler.title,
+        style=code.style,
+        steps_compared=min((lane.steps for lane in lanes), default=None),
+        mismatches=sum(lane.mismatches for lane in lanes) if lanes else None,
+        examination=examination,
+    )
 
 
 def domain_vectors(controller: Controller) -> tuple[npt.NDArray[np.int16], int]:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 TIME_LIMIT = 20
 """Seconds that the C under test may take for one request, thousands of times what it needs."""
 
-HOST_FLAGS = ("-std=c99", "-Os")
+HOST_FLAGS = ("-std=c99", "-Os", "-ffreestanding", "-fno-stack-protector")
+"""Those of the objects that are examined, as far as they decide what the C is."""
 
 
 class ImplementationError(Exception):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -25,6 +25,8 @@ from bitneat.native.build import compile_object
 from bitneat.native.compiler import Compiler
 from bitneat.native.elf import measure
 from bitneat.verify.cfile import CFile
+
+_SELF_STARTING = re.compile(r"\.(preinit|init|fini|ctors|dtors|deplibs|linker-options)\b")
 
 InstructionSet = Literal["thumb"]
 
@@ -87,8 +89,7 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
             flags.append("-fcallgraph-info=su")
         compile_object(code.path, toolchain.compiler, flags, out)
         static = _static_data(out)
-        violations = [f"{size} bytes of static data in {section}, expected none" for section, size in static.items()]
-        violations += [f"needs {symbol} from elsewhere, expected to need nothing" for symbol in _undefined_symbols(out)]
+        violations = _foreign_parts(out)
         if toolchain.instructions == "thumb":
             violations += _thumb_violations(out, code.style)
         flash = measure(out).flash
@@ -100,6 +101,47 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         stack=stack,
         violations=tuple(violations),
     )
+
+
+def loading_violations(code: CFile, compiler: Compiler, flags: Sequence[str]) -> list[str]:
+    """What speaks against loading a C file into a process of this machine, as found in the object that would be loaded.
+
+    Args:
+        code: the file.
+        compiler: the host's.
+        flags: those that it is compiled with to be run.
+
+    Raises:
+        CompilerError: if the compiler refuses the file.
+    """
+    with tempfile.TemporaryDirectory(prefix="bitneat-") as name:
+        out = Path(name) / "code.o"
+        compile_object(code.path, compiler, [*flags, "-fPIC"], out)
+        return _foreign_parts(out)
+
+
+def _foreign_parts(out: Path) -> list[str]:
+    """What no generated code has on any target."""
+    return [
+        *(f"{size} bytes of static data in {section}, expected none" for section, size in _static_data(out).items()),
+        *(f"needs {symbol} from elsewhere, expected to need nothing" for symbol in _undefined_symbols(out)),
+        *(f"{what} runs by itself, expected none" for what in _self_starters(out)),
+    ]
+
+
+def _self_starters(path: Path) -> list[str]:
+    """Sections whose code a loader runs or whose libraries it adds, and functions that it calls to choose another."""
+    with path.open("rb") as file:
+        elf = ELFFile(file)
+        found = [section.name for section in elf.iter_sections() if _SELF_STARTING.match(section.name)]
+        found += [
+            str(symbol.name)
+            for table in elf.iter_sections()
+            if isinstance(table, SymbolTableSection)
+            for symbol in table.iter_symbols()
+            if symbol["st_info"]["type"] in ("STT_GNU_IFUNC", "STT_LOOS")
+        ]
+    return found
 
 
 def _static_data(path: Path) -> dict[str, int]:

@@ -30,6 +30,10 @@ class Target(Protocol):
         """The styles that are judged there, an entry of the report each."""
 
     @property
+    def runs(self) -> bool:
+        """Whether code runs there, and is not only compiled and measured."""
+
+    @property
     def needs(self) -> str:
         """What to install where it is missing."""
 
@@ -61,6 +65,11 @@ class HostTarget:
         return (self.style,)
 
     @property
+    def runs(self) -> bool:
+        """It does."""
+        return True
+
+    @property
     def needs(self) -> str:
         """What to install."""
         return "a C compiler (Debian: apt install gcc; anywhere: pip install ziglang)"
@@ -88,6 +97,11 @@ class ChipTarget:
     zig_flags: tuple[str, ...]
     package: str
     styles: tuple[Style, ...] = ("unrolled", "table")
+
+    @property
+    def runs(self) -> bool:
+        """It does not."""
+        return False
 
     @property
     def needs(self) -> str:
@@ -139,11 +153,13 @@ def select(names: Sequence[str] | None) -> list[ReadyTarget]:
         names: from `TARGETS`, or the single name ``all``; None for the host and every other target whose tools are there.
 
     Raises:
-        BitneatError: if a name is unknown, or a target that was asked for cannot be served.
+        BitneatError: if there is no name, one is unknown, or a target that was asked for cannot be served.
     """
     if names is None:
         found = [(target, target.toolchain()) for target in TARGETS.values()]
         return [ReadyTarget(target, toolchain) for target, toolchain in found if toolchain is not None]
+    if not names:
+        raise BitneatError(f"--targets: names no target; the targets are {', '.join(TARGETS)}, or all")
     wanted = list(TARGETS) if "all" in names else list(dict.fromkeys(names))
     ready = []
     for name in wanted:

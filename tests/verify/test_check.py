@@ -11,7 +11,9 @@ from bitneat.errors import BitneatError
 from bitneat.sim.environment import make
 from bitneat.verify.cfile import CFile
 from bitneat.verify.check import HARDCORE, Settings, verify
-from bitneat.verify.targets import select
+from bitneat.verify.implementation import Implementation
+from bitneat.verify.machine import Toolchain
+from bitneat.verify.targets import HostTarget, select
 from tests.verify.champions import champion, plain_champion, written
 
 HOST = ("host-unrolled", "host-table")
@@ -51,7 +53,7 @@ def test_the_first_difference_is_named_and_all_are_counted(tmp_path: Path) -> No
     assert mismatch.got is not None
     assert mismatch.expected == mismatch.got ^ 1
     expected = f"host-unrolled (legs_step): episode 0 (seed 7), step 0: output 0 is {mismatch.got}, expected {mismatch.expected}"
-    assert report.failures == (expected,)
+    assert report.failures[0] == expected
     assert report.targets[0].steps_compared == 30
     assert report.targets[0].mismatches == 30 + 2000
     assert report.to_data()["mismatch"]["got"] == mismatch.got
@@ -87,14 +89,80 @@ def test_a_crash_fails_and_the_others_go_on(tmp_path: Path) -> None:
     assert [(t.steps_compared, t.mismatches) for t in report.targets] == [(0, 1), (60, 0)]
 
 
-def test_an_edit_without_effect_is_a_warning(tmp_path: Path) -> None:
+def test_an_edit_without_effect_is_a_failure_too(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
     code.path.write_text(code.source.replace("action[0] =", "/* mine */ action[0] ="))
     report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), SHORT)
     line = code.source[: code.source.index("action[0] =")].count("\n") + 1
-    assert report.passed
-    assert report.warnings == (f"{code.path}: edited: line {line} is not what codegen writes for this controller",)
+    assert report.failures == (f"{code.path}: edited: line {line} is not what codegen writes for this controller",)
+    assert report.targets[0].steps_compared == 60
+
+
+def test_an_edited_formula_in_the_header_is_a_failure(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    lines = code.header.splitlines(keepends=True)
+    number = next(i for i, line in enumerate(lines) if "256" in line and "SHA" not in line and line.startswith(" *"))
+    lines[number] = lines[number].replace("256", "255")
+    code.header_path.write_text("".join(lines))
+    report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), SHORT)
+    edited = f"{code.header_path}: edited: line {number + 1} is not what codegen writes for this controller"
+    assert report.failures == (edited,)
+
+
+def test_an_edited_file_that_does_not_compile_is_a_failure(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    code.path.write_text(code.source + "}\n")
+    report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), SHORT)
+    assert "edited: line" in report.failures[0]
+    assert "failed" in report.failures[1]
+
+
+@pytest.mark.parametrize(
+    ("extra", "violation"),
+    [
+        (
+            '__attribute__((constructor)) static void early(void) { __asm__ volatile (""); }',
+            "bytes of static data in .init_array",
+        ),
+        ('__asm__(".section .init,\\"ax\\",%progbits\\n nop\\n .text");', ".init runs by itself"),
+        (
+            "extern int getpid(void); int other(void); int other(void) { return getpid(); }",
+            "needs getpid from elsewhere",
+        ),
+        ("int kept = 1;", "bytes of static data in .data"),
+        ("#ifdef __PIC__\nint kept = 1;\n#endif", "bytes of static data in .data"),
+        ("#if __STDC_HOSTED__\nint kept = 1;\n#endif", None),
+    ],
+)
+def test_c_that_breaks_its_promises_is_never_run(
+    extra: str, violation: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    code.path.write_text(f"{code.source}{extra}\n")
+    ran = []
+    whole = HostTarget.implementations
+
+    def noted(target: HostTarget, one: CFile, toolchain: Toolchain) -> list[Implementation]:
+        ran.append(one.style)
+        return whole(target, one, toolchain)
+
+    monkeypatch.setattr(HostTarget, "implementations", noted)
+    report = verify(whose, CFile.read(code.path), select(HOST), Settings(episodes=1, max_steps=3))
+    assert not report.passed
+    assert ran == (["table"] if violation else ["unrolled", "table"])
+    assert violation is None or any(violation in failure for failure in report.failures)
+
+
+@pytest.mark.parametrize("names", [["cortex-m0"], ["host-table"], ["host-table", "cortex-m0"]])
+def test_targets_of_which_none_runs_the_file_are_refused(names: list[str], tmp_path: Path) -> None:
+    whose = plain_champion()
+    message = r"no target of these runs .*legs.c \(style unrolled\); add host-unrolled"
+    with pytest.raises(BitneatError, match=message):
+        verify(whose, written(whose, tmp_path), select(names), SHORT)
 
 
 def test_c_of_another_version_is_judged_by_what_it_does(tmp_path: Path) -> None:
@@ -131,12 +199,14 @@ def test_a_blob_that_holds_another_controller_is_a_failure_even_where_nothing_re
     assert any("blob" in failure for failure in report.failures)
 
 
-def test_a_header_of_another_shape_is_bad_input(tmp_path: Path) -> None:
+def test_a_header_of_another_shape_is_a_failure(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
     code.header_path.write_text(code.header.replace("NUM_INPUTS 3", "NUM_INPUTS 4"))
-    with pytest.raises(BitneatError, match="says 4 inputs, 1 outputs, 8 fractional bits; the controller has 3, 1, 8"):
-        verify(whose, CFile.read(code.path), select(HOST), SHORT)
+    report = verify(whose, CFile.read(code.path), select(HOST), SHORT)
+    says = "says 4 inputs, 1 outputs, 8 fractional bits; the controller has 3, 1, 8"
+    assert report.failures == (f"{code.header_path}: edited: {says}",)
+    assert report.loop is None
 
 
 def test_the_inputs_report_says_what_the_sensors_delivered(tmp_path: Path) -> None:

@@ -51,3 +51,8 @@ def test_without_gcc_a_chip_is_served_by_ziglang(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(under_test, "identify", lambda command: None)
     (ready,) = select(["cortex-m0"])
     assert ready.toolchain.compiler.family == "zig"
+
+
+def test_a_list_without_names_is_refused() -> None:
+    with pytest.raises(BitneatError, match="names no target"):
+        select([])
