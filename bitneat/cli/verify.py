@@ -65,6 +65,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_targets(parser)
     parser.add_argument("--hardcore", action="store_true", help="run BipedalWalkerHardcore-v3 (2000 steps) instead")
+    parser.add_argument(
+        "--import",
+        metavar="MODULE",
+        action="append",
+        default=[],
+        dest="imports",
+        help="let the champion's environment import MODULE, which registers it",
+    )
     faults = parser.add_mutually_exclusive_group()
     faults.add_argument(
         "--inject-fault",
@@ -82,9 +90,11 @@ def run(args: argparse.Namespace) -> int:
     """Verify, print, and say by the exit status whether it holds."""
     from bitneat.champion import load
     from bitneat.files import write_json
+    from bitneat.sim.environment import allow_imports
     from bitneat.verify.check import HARDCORE, Settings
     from bitneat.verify.targets import select
 
+    allow_imports(args.imports)
     champion = load(args.champion)
     names = target_names(args.targets)
     settings = Settings(

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from bitneat.champion import save_pickle
+from bitneat.champion import EnvironmentSpec, save_pickle
 from bitneat.cli.main import main
 from bitneat.verify import check
 from tests.verify.champions import champion, plain_champion, written
@@ -139,6 +139,23 @@ def test_a_campaign_counts_what_is_caught_and_lists_each_fault(run: Run, folder:
     assert sum(faults["outcomes"].values()) == 3
     assert status == (1 if faults["outcomes"]["unreached"] else 0)
     assert f"{faults['caught']} of 3 planted faults make verify fail" in out
+
+
+def test_a_module_is_imported_only_if_the_user_names_it(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "verify_stranger.py").write_text("open('imported', 'w').close()\n")
+    monkeypatch.syspath_prepend(folder)
+    whose = plain_champion()
+    spec = EnvironmentSpec("Pendulum-v1", {}, ("verify_stranger",))
+    save_pickle(replace(whose, environment=spec), folder / "champion.pkl")
+    status, _, err = run("--episodes", "1", "--targets", "host-unrolled")
+    assert status == 2
+    assert "needs --import verify_stranger" in err
+    assert not Path("imported").exists()
+    status, _, _ = run("--episodes", "1", "--targets", "host-unrolled", "--import", "verify_stranger")
+    assert status == 0
+    assert Path("imported").exists()
 
 
 def test_hardcore_runs_the_other_environment(run: Run, folder: Path) -> None:
