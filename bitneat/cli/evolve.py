@@ -134,17 +134,24 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     progress = progress_for()
-    evaluator = GymnasiumEvaluator(
-        settings.environment, info.action, max_steps, args.workers or _cores(), args.simulator
-    )
+    evaluator = None
     try:
+        evaluator = GymnasiumEvaluator(
+            settings.environment, info.action, max_steps, args.workers or _cores(), args.simulator
+        )
         return carry_on(folder, settings, info, evaluator, progress)
     except KeyboardInterrupt:
         progress.close()
         print(f"bitneat: stopped; continue with: bitneat evolve --resume {folder.path}", file=sys.stderr)
         raise
+    except Exception:
+        # What fails before the first checkpoint will fail again, and its folder would be in the way of another try.
+        if args.resume is None and folder.generations() == 0:
+            folder.discard()
+        raise
     finally:
-        evaluator.close()
+        if evaluator is not None:
+            evaluator.close()
         progress.close()
 
 
@@ -173,6 +180,11 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
         stage = Stage(folder.generations(), settings.config.text)
         settings = replace(settings, config=load(args.config), earlier=(*settings.earlier, stage))
     config = _with_generations(settings.config, args.generations)
+    done, wanted = folder.generations(), config["evolve"]["generations"]
+    if wanted < done and (args.config, args.generations) != (None, None):
+        raise BitneatError(
+            f"--resume {folder.path}: has completed {done} generations, more than the {wanted} asked for"
+        )
     return replace(settings, config=config, seconds=settings.seconds if args.time is None else args.time)
 
 

@@ -62,6 +62,8 @@ class Streams:
         """Continue where `to_data` was taken."""
         for name, stream in self._streams.items():
             version, numbers, gauss = data[name]
+            if gauss is not None and type(gauss) is not float:
+                raise ValueError(f"streams: {name} has a wrong state")
             stream.setstate((version, tuple(numbers), gauss))
 
 

@@ -7,9 +7,11 @@ checkpoint (where the search stood); both are plain JSON, so that a run folder f
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
+import math
 import platform
 import re
 import time
@@ -34,6 +36,7 @@ FORMAT = "bitneat-run"
 CHECKPOINT_FORMAT = "bitneat-checkpoint"
 VERSION = 1
 CHECKPOINTS_KEPT = 2
+MAX_SEED = 1 << 4096
 MAX_CHECKPOINT_BYTES = 1 << 30
 
 _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
@@ -101,6 +104,14 @@ class RunFolder:
             raise BitneatError(f"{self.path}: cannot be made: {error.strerror or error}") from None
         self.save_settings(settings)
 
+    def discard(self) -> None:
+        """Take away a run that no generation was completed of, so that it can be tried again."""
+        for name in ("run.json", "config.ini", "history.csv"):
+            (self.path / name).unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # whatever else is in there is not ours
+            (self.path / "checkpoints").rmdir()
+            self.path.rmdir()
+
     def save_settings(self, settings: RunSettings) -> None:
         """Write the configuration and ``run.json``, which comes last and makes the folder a run."""
         write_atomic(self.path / "config.ini", settings.config.text.encode())
@@ -121,11 +132,13 @@ class RunFolder:
         try:
             spec = environment_from_data(data["environment"])
             seed, seconds = data["seed"], data["seconds"]
-            earlier = tuple(Stage(int(stage["generations"]), str(stage["config"])) for stage in data["earlier"])
-        except (KeyError, TypeError, ValueError, BitneatError) as error:
-            raise BitneatError(f"{self.path / 'run.json'}: damaged: {error}") from None
-        if type(seed) is not int or not (seconds is None or isinstance(seconds, (int, float))):
-            raise BitneatError(f"{self.path / 'run.json'}: damaged: seed or seconds is no number")
+            earlier = tuple(Stage(_count(stage["generations"]), str(stage["config"])) for stage in data["earlier"])
+            if type(seed) is not int or not 0 <= seed < MAX_SEED:
+                raise BitneatError("seed: expected an integer from 0")
+            if seconds is not None and not (type(seconds) in (int, float) and 0 < seconds < math.inf):
+                raise BitneatError("seconds: expected a number above 0, or null")
+        except Exception as error:  # the file may be anyone's
+            raise BitneatError(f"{self.path / 'run.json'}: damaged: {_reason(error)}") from None
         return RunSettings(spec, config, seed, seconds, earlier)
 
     def generations(self) -> int:
@@ -155,8 +168,10 @@ class RunFolder:
         data = _json(path, CHECKPOINT_FORMAT)
         try:
             search.restore(data["search"])
-        except (KeyError, TypeError, ValueError, IndexError, AssertionError, BitneatError) as error:
-            raise BitneatError(f"{path}: damaged: {type(error).__name__}: {error}") from None
+        except Exception as error:  # the file may be anyone's
+            raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
+        if search.generation != checkpoints[-1][0]:
+            raise BitneatError(f"{path}: damaged: holds generation {search.generation}")
 
     def save_history(self, search: Search) -> None:
         """Write ``history.csv``, a row a generation."""
@@ -265,10 +280,21 @@ def _packages() -> dict[str, str]:
     return versions
 
 
+def _count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value < 1 << 53:
+        raise BitneatError("earlier: expected a number of generations")
+    return value
+
+
+def _reason(error: Exception) -> str:
+    text = " ".join(str(error).split())[:200]
+    return text if isinstance(error, BitneatError) else f"{type(error).__name__}: {text}"
+
+
 def _json(path: Path, expected_format: str) -> Mapping[str, Any]:
     try:
         data = json.loads(read_capped(path, MAX_CHECKPOINT_BYTES))
-    except (ValueError, RecursionError):
+    except (ValueError, RecursionError):  # among them numbers of too many digits
         raise BitneatError(f"{path}: damaged: not JSON") from None
     if not isinstance(data, dict) or data.get("format") != expected_format:
         raise BitneatError(f"{path}: expected 'format': {expected_format!r}")

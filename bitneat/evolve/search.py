@@ -14,6 +14,7 @@ from neat.population import Population
 
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Controller, Input
+from bitneat.controller.ir import MAX_OUTPUTS, MAX_SIGNALS
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config
 from bitneat.evolve.evaluation import Evaluator
@@ -73,7 +74,10 @@ class Candidate:
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Candidate:
         """Read what `to_data` wrote."""
-        return cls(Controller.from_data(data["controller"]), data["generation"], tuple(data["rewards"]))
+        rewards = tuple(_finite(reward, "rewards") for reward in data["rewards"])
+        if not rewards:
+            raise BitneatError("rewards: expected at least one")
+        return cls(Controller.from_data(data["controller"]), _whole(data["generation"], "generation"), rewards)
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,7 @@ class Search:
         self.spec = spec
         self.info = info
         self.seed = seed
+        _refuse_too_many(spec, info)
         self.inputs = _inputs(config, info)
         self.max_steps = episode_limit(config, spec, info)
         self.streams = Streams(seed)
@@ -293,29 +298,78 @@ class Search:
         }
 
     def restore(self, data: Mapping[str, Any]) -> None:
-        """Continue where `to_data` was taken."""
+        """Continue where `to_data` was taken.
+
+        Raises:
+            BitneatError: if a number is out of its range. Whatever else is wrong raises whatever it may.
+        """
         from neat.species import Species
 
+        generation, next_genome, next_node, next_species, innovations = (
+            _whole(data[key], key) for key in ("generation", "next_genome", "next_node", "next_species", "innovations")
+        )
         population = {genome.key: genome for genome in map(genome_from_data, data["population"])}
+        if len(population) < 2:
+            raise BitneatError("population: expected at least two genomes")
+        for genome in population.values():
+            self._check_genome(genome, next_genome, next_node)
         species_set: BitSpeciesSet = self.population.species
         species_set.species = {}
         species_set.genome_to_species = {}
         for key, created, representative, members in data["species"]:
-            group = Species(key, created)
+            group = Species(_whole(key, "species"), _whole(created, "species"))
             group.update(population[representative], {member: population[member] for member in members})
             species_set.species[key] = group
             species_set.genome_to_species.update(dict.fromkeys(members, key))
-        species_set.threshold = data["threshold"]
-        species_set.indexer = Indexer(data["next_species"])
+        members = [member for _, _, _, group in data["species"] for member in group]
+        if sorted(members) != sorted(population) or not all(group for _, _, _, group in data["species"]):
+            raise BitneatError("species: do not hold every genome once")
+        species_set.threshold = _finite(data["threshold"], "threshold")
+        species_set.indexer = Indexer(next_species)
         self.population.population = population
-        self.population.generation = data["generation"]
-        self.population.reproduction.genome_indexer = Indexer(data["next_genome"])
-        self.population.reproduction.innovation_tracker.global_counter = data["innovations"]
-        self._neat_config.genome_config.node_indexer = Indexer(data["next_node"])
-        self._previous_keys = set(data["previous_keys"])
+        self.population.generation = generation
+        self.population.reproduction.genome_indexer = Indexer(next_genome)
+        self.population.reproduction.innovation_tracker.global_counter = innovations
+        self._neat_config.genome_config.node_indexer = Indexer(next_node)
+        self._previous_keys = {_whole(key, "previous_keys") for key in data["previous_keys"]}
         self.streams.restore(data["streams"])
         self.candidates = [Candidate.from_data(entry) for entry in data["candidates"]]
-        self.history = [Generation(*row) for row in data["history"]]
+        for candidate in self.candidates:
+            sizes = len(candidate.controller.inputs), len(candidate.controller.outputs)
+            if sizes != (len(self.inputs), self.info.action.num_outputs):
+                raise BitneatError("candidates: a controller does not fit the environment")
+        self.history = [
+            Generation(*(value if type(value) is int else _finite(value, "history") for value in row))
+            for row in data["history"]
+        ]
+
+    def _check_genome(self, genome: BitGenome, next_genome: int, next_node: int) -> None:
+        where = f"genome {genome.key!r:.20}"
+        settings = self._neat_config.genome_config
+        if not 0 <= _whole(genome.key, where) < next_genome:
+            raise BitneatError(f"{where}: its number is not below next_genome")
+        if genome.fitness is not None:
+            _finite(genome.fitness, where)
+        for key, node in genome.nodes.items():
+            if not 0 <= _whole(key, where) < max(next_node, settings.num_outputs) or type(node.gain) is not int:
+                raise BitneatError(f"{where}: a node has a wrong number or gain")
+        for link in genome.connections.values():
+            _whole(link.innovation, where)
+            if type(link.weight) is not int or not -1 <= link.weight <= 1 or link.delay not in (0, 1):
+                raise BitneatError(f"{where}: a link has a wrong weight or delay")
+        self.lower(genome)
+
+
+def _whole(value: Any, name: str) -> int:
+    if type(value) is not int or not 0 <= value < 1 << 53:
+        raise BitneatError(f"{name}: expected an integer from 0")
+    return value
+
+
+def _finite(value: Any, name: str) -> Any:
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise BitneatError(f"{name}: expected a finite number")
+    return value
 
 
 def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) -> int:
@@ -328,6 +382,18 @@ def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) 
     if not limits:
         raise BitneatError(f"environment {spec.id}: has no time limit; set [evolve] max_steps in the configuration")
     return int(min(limits))
+
+
+def _refuse_too_many(spec: EnvironmentSpec, info: EnvironmentInfo) -> None:
+    if info.action.num_outputs > MAX_OUTPUTS:
+        raise BitneatError(
+            f"environment {spec.id}: its action needs {info.action.num_outputs} outputs, a controller has at most {MAX_OUTPUTS}"
+        )
+    most = MAX_SIGNALS - info.action.num_outputs
+    if info.num_inputs > most:
+        raise BitneatError(
+            f"environment {spec.id}: its observation has {info.num_inputs} components, a controller reads at most {most} here"
+        )
 
 
 def _inputs(config: Config, info: EnvironmentInfo) -> tuple[Input, ...]:

@@ -159,6 +159,7 @@ def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
         (["--env", "no_such_module:Some-v0"], "an id with ':' imports a module"),
         (["--env", "bitneat/Broken-v0"], "cannot be made: KeyError"),
         (["--env", "bitneat/NaNReward-v0"], "a reward of seed"),
+        (["--env", "bitneat/Huge-v0"], "environment bitneat/Huge-v0: its observation has 16900 components"),
         (["--config", "none.ini"], "none.ini: neither a file nor a preset"),
         (["--pop", "1"], "--pop"),
         (["--generations", "0"], "--generations"),
@@ -202,3 +203,22 @@ def test_an_existing_run_is_not_overwritten(tiny: str, capsys: pytest.CaptureFix
     assert main(arguments) == 2
     assert "continue it with --resume run" in capsys.readouterr().err
     assert Path("run/champion.pkl").read_bytes() == before
+
+
+def test_a_run_that_failed_before_its_first_generation_is_not_in_the_way(
+    tiny: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--config", tiny, "--generations", "1", "--workers", "1", "-o", "run"]
+    assert main(["evolve", "--env", "bitneat/NaN-v0", *arguments]) == 2
+    assert "holds a NaN" in capsys.readouterr().err
+    assert not Path("run").exists()
+    assert main(["evolve", "--env", "CartPole-v1", *arguments]) == 0
+
+
+def test_a_run_cannot_be_made_shorter(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--env", "CartPole-v1", "--config", tiny, "--generations", "2", "--workers", "1", "-o", "run"]
+    assert main(["evolve", *arguments]) == 0
+    settings = Path("run/config.ini").read_text()
+    assert main(["evolve", "--resume", "run", "--generations", "1", "--workers", "1"]) == 2
+    assert "has completed 2 generations, more than the 1 asked for" in capsys.readouterr().err
+    assert Path("run/config.ini").read_text() == settings

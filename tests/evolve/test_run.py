@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -300,3 +301,70 @@ def test_duplicates_are_evaluated_once_and_rank_last() -> None:
     row = search.advance(evaluator)
     assert row.duplicates > 0
     assert row.episodes < 2 * 14
+
+
+def changed(data: Any, path: tuple[Any, ...], value: object) -> Any:
+    """The data with another value at a path of keys."""
+    copy = json.loads(json.dumps(data))
+    inner = copy
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return copy
+
+
+@pytest.fixture(scope="module")
+def first_generation(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    folder = RunFolder(tmp_path_factory.mktemp("hostile") / "run")
+    evolve(folder, settings_for(text=SMALL.replace("generations = 4", "generations = 1")))
+    return folder
+
+
+@pytest.mark.parametrize("value", [-1, 1 << 70, float("nan"), float("inf"), "text", None, [], {}, True, [[1]]])
+@pytest.mark.parametrize(
+    "path",
+    [
+        ("generation",), ("population",), ("previous_keys",), ("species",), ("threshold",), ("next_species",),
+        ("next_genome",), ("next_node",), ("innovations",), ("streams",), ("candidates",), ("history",),
+        ("population", 0), ("population", 0, 0), ("population", 0, 2), ("population", 0, 2, 0, 0),
+        ("population", 0, 2, 0, 1), ("population", 0, 2, 0, 2), ("population", 0, 3), ("population", 0, 3, 0, 0),
+        ("population", 0, 3, 0, 2), ("candidates", 0, "rewards"), ("candidates", 0, "generation"),
+        ("candidates", 0, "controller"), ("history", 0), ("history", 0, 1), ("streams", "neat", 1), ("species", 0, 3),
+    ],
+)  # fmt: skip
+def test_a_hostile_checkpoint_is_one_line_or_does_no_harm(
+    first_generation: RunFolder, tmp_path: Path, path: tuple[Any, ...], value: object
+) -> None:
+    name = "generation-000001.json"
+    data = json.loads((first_generation.path / "checkpoints" / name).read_text())
+    folder = RunFolder(tmp_path)
+    (tmp_path / "checkpoints").mkdir()
+    (tmp_path / "checkpoints" / name).write_text(json.dumps(changed(data, ("search", *path), value)))
+    settings = settings_for()
+    search = Search(settings.config, settings.environment, inspect(settings.environment), 5)
+    try:
+        folder.restore(search)
+    except BitneatError as error:
+        assert str(error).startswith(f"{tmp_path / 'checkpoints' / name}: damaged: ")
+        assert "\n" not in str(error)
+    else:  # then the search can go on
+        search.advance(GymnasiumEvaluator(settings.environment, search.info.action, 60, 1))
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("seed",), -1), (("seed",), True), (("seed",), "1"), (("seconds",), -1), (("seconds",), float("nan")),
+        (("seconds",), True), (("seconds",), "1"), (("earlier",), 1), (("earlier",), [{"generations": float("inf")}]),
+        (("environment",), None), (("environment", "kwargs"), 1), (("environment", "imports"), "os"),
+    ],
+)  # fmt: skip
+def test_a_hostile_run_file_is_one_line(
+    first_generation: RunFolder, tmp_path: Path, path: tuple[Any, ...], value: object
+) -> None:
+    data = json.loads((first_generation.path / "run.json").read_text())
+    (tmp_path / "config.ini").write_text((first_generation.path / "config.ini").read_text())
+    (tmp_path / "run.json").write_text(json.dumps(changed(data, path, value)))
+    with pytest.raises(BitneatError, match=r"run\.json: damaged: ") as caught:
+        RunFolder(tmp_path).settings()
+    assert "\n" not in str(caught.value)
