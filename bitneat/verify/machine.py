@@ -167,7 +167,8 @@ def _undefined_symbols(path: Path) -> list[str]:
                 for table in ELFFile(file).iter_sections()
                 if isinstance(table, SymbolTableSection)
                 for symbol in table.iter_symbols()
-                if symbol["st_shndx"] == "SHN_UNDEF" and symbol.name
+                # The linker makes the last one itself, where position-independent code wants it.
+                if symbol["st_shndx"] == "SHN_UNDEF" and symbol.name not in ("", "_GLOBAL_OFFSET_TABLE_")
             }
         )
 

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from bitneat.native.compiler import host_compiler
+from bitneat.native.compiler import host_compiler, zig_compiler
 from bitneat.verify.cfile import CFile
-from bitneat.verify.machine import Toolchain, examine, stack_depth
+from bitneat.verify.machine import Toolchain, examine, loading_violations, stack_depth
 from bitneat.verify.targets import TARGETS, select
 from tests.verify.champions import champion, plain_champion, written
 
@@ -47,6 +47,13 @@ def test_static_data_and_foreign_functions_are_found_on_any_target(line: str, vi
     code = with_line(written(plain_champion(), tmp_path), line)
     for toolchain in (Toolchain(host_compiler()), chip()):
         assert any(violation in found for found in examine(code, toolchain).violations)
+
+
+def test_position_independent_code_for_another_word_size_is_sound_too(tmp_path: Path) -> None:
+    zig = zig_compiler("x86-linux-gnu")
+    assert zig is not None
+    code = written(champion("BipedalWalker-v3", seed=1), tmp_path, "table")
+    assert loading_violations(code, zig, ("-std=c99", "-Os", "-ffreestanding")) == []
 
 
 @pytest.mark.parametrize(
