@@ -25,6 +25,7 @@ FORMAT = "bitneat-champion"
 VERSION = 1
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_VALUES = 1_000_000
+MAX_INTEGER_BITS = 1024
 
 
 class ChampionError(BitneatError):
@@ -152,7 +153,7 @@ def loads(content: bytes) -> Champion:
 
 def dumps(champion: Champion) -> str:
     """The champion as JSON text, ended by a newline."""
-    return json.dumps(_checked(champion.to_data()), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
+    return json.dumps(plain_data(champion.to_data()), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
 
 
 def dump_pickle(champion: Champion) -> bytes:
@@ -161,7 +162,7 @@ def dump_pickle(champion: Champion) -> bytes:
     pickler = pickle.Pickler(buffer, protocol=4)
     # Without its memo a pickle does not tell equal strings from identical ones.
     pickler.fast = True
-    pickler.dump(_checked(champion.to_data()))
+    pickler.dump(plain_data(champion.to_data()))
     return buffer.getvalue()
 
 
@@ -186,7 +187,7 @@ def plain_pickle(content: bytes) -> Any:
     except UnpickleError as error:
         reason = str(error)
         raise ChampionError(reason if reason.startswith("refused") else f"not a champion: {reason}") from None
-    return _checked(data)
+    return plain_data(data)
 
 
 def _plain_json(content: bytes) -> Any:
@@ -199,11 +200,15 @@ def _plain_json(content: bytes) -> Any:
         raise
     except (ValueError, RecursionError) as error:
         raise ChampionError(f"not a champion: damaged or truncated JSON ({error!s:.80})") from None
-    return _checked(data)
+    return plain_data(data)
 
 
-def _checked(data: Any) -> Any:
-    """A copy of the data with tuples as lists, if it is plain, not too deep and, shared parts counted each time, not too large."""
+def plain_data(data: Any) -> Any:
+    """A copy of the data with tuples as lists, if a champion file can hold it.
+
+    Raises:
+        BitneatError: if it is not plain, too deep, or, shared parts counted each time, too large.
+    """
     return _Checker().copy(data, 0)
 
 
@@ -225,6 +230,8 @@ class _Checker:
             raise ChampionError("refused: a number is not finite")
         if type(value) is str and not _is_text(value):
             raise ChampionError(f"refused: a text is not Unicode: {value!a:.60}")
+        if type(value) is int and value.bit_length() > MAX_INTEGER_BITS:
+            raise ChampionError(f"refused: an integer has more than {MAX_INTEGER_BITS} bits")
         if value is not None and type(value) not in (str, int, float, bool):
             raise ChampionError(f"refused: a {type(value).__name__} is not plain data")
         return value

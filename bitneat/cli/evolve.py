@@ -203,6 +203,8 @@ def _refuse_other_settings(args: argparse.Namespace) -> None:
 
 
 def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
+    from bitneat.champion import plain_data
+
     arguments = {}
     for pair in pairs:
         key, equals, text = pair.partition("=")
@@ -212,8 +214,11 @@ def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
             value = ast.literal_eval(text)
         except (ValueError, SyntaxError, MemoryError, RecursionError):
             value = {"true": True, "false": False, "none": None}.get(text.lower(), text)
-        if not isinstance(value, (str, int, float, bool, list, tuple, dict, type(None))):
-            raise BitneatError(f"--env-arg {pair}: expected a number, a string, a list or a dictionary")
+        try:
+            value = plain_data(value)  # as the champion file will hold it
+        except BitneatError as error:
+            reason = str(error).removeprefix("refused: ")
+            raise BitneatError(f"--env-arg {key}: {reason}; expected numbers, text, lists or dictionaries") from None
         arguments[key] = value
     return arguments
 

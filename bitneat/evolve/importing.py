@@ -8,6 +8,7 @@ stand-ins for them: no code of the file or of neat-python runs.
 from __future__ import annotations
 
 import configparser
+import heapq
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.controller import Constant, Controller, ControllerError, Input, Link, Node, Signal
-from bitneat.controller.ir import GAIN_RANGE, SHIFT_RANGE
+from bitneat.controller.ir import GAIN_RANGE, MAX_SIGNALS, SHIFT_RANGE
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
 from bitneat.unpickle import Record, UnpickleError, read
@@ -109,12 +110,22 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
     Raises:
         BitneatError: naming the gene and what a controller cannot express.
     """
+    if len(genome.nodes) > MAX_SIGNALS:
+        raise GenomeImportError(f"the genome has {len(genome.nodes)} nodes, a controller at most {MAX_SIGNALS}")
+    for key in genome.nodes:
+        if type(key) is not int or key < 0:
+            raise GenomeImportError(f"node {key!r:.40}: expected an integer from 0 as key")
     into: dict[int, list[tuple[int, int]]] = {key: [] for key in genome.nodes}
     for key, gene in genome.connections.items():
         source, target = _connection_key(key)
+        enabled = getattr(gene, "enabled", None)
+        if type(enabled) is not bool:
+            raise GenomeImportError(
+                f"connection {source} -> {target}: enabled is {enabled!r:.40}, expected True or False"
+            )
         if target not in into or (source not in into and not -shape.num_inputs <= source < 0):
             raise GenomeImportError(f"connection {source} -> {target}: leads to or from a node that is not there")
-        if getattr(gene, "enabled", None) is True:
+        if enabled:
             into[target].append((source, _integer(gene, "weight", f"connection {source} -> {target}")))
     for output in range(shape.num_outputs):
         if output not in genome.nodes:
@@ -182,23 +193,18 @@ def _connection_key(key: Any) -> tuple[int, int]:
 
 
 def _integer(gene: Any, name: str, where: str) -> int:
-    value = getattr(gene, name, None)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    value: Any = getattr(gene, name, None)
+    if type(value) not in (int, float) or (type(value) is float and not math.isfinite(value)):
         raise GenomeImportError(f"{where}: {name} is {value!r:.40}, expected an integer")
+    if abs(value) > 1 << 20:
+        raise GenomeImportError(f"{where}: {name} {value!r:.20} is too large")
     if value != int(value):
         raise GenomeImportError(f"{where}: {name} is {value:g}, not an integer; make it one with `bitneat quantize`")
-    if abs(value) > 1 << 20:
-        raise GenomeImportError(f"{where}: {name} {value:g} is too large")
     return int(value)
 
 
 def _exponent(response: Any, where: str) -> int:
-    if (
-        not isinstance(response, (int, float))
-        or isinstance(response, bool)
-        or not math.isfinite(response)
-        or response <= 0
-    ):
+    if type(response) not in (int, float) or not 0 < response < 1 << 20:
         raise GenomeImportError(f"{where}: response is {response!r:.40}, expected a power of two")
     mantissa, exponent = math.frexp(response)
     if mantissa != 0.5 or not GAIN_RANGE[0] <= exponent - 1 <= GAIN_RANGE[1]:
@@ -210,16 +216,29 @@ def _exponent(response: Any, where: str) -> int:
 
 def _order(into: dict[int, list[tuple[int, int]]], shape: NeatShape) -> list[int]:
     """Hidden nodes in topological order, then the outputs that no node reads."""
-    done = set(range(-shape.num_inputs, 0))
+    missing = {key: sum(source >= 0 for source, _ in sources) for key, sources in into.items()}
+    readers: dict[int, list[int]] = {key: [] for key in into}
+    for key, sources in into.items():
+        for source, _ in sources:
+            if source >= 0:
+                readers[source].append(key)
+    ready = [_rank(key, shape) for key, count in missing.items() if count == 0]
+    heapq.heapify(ready)
     order: list[int] = []
-    waiting = sorted(into, key=lambda key: (0 <= key < shape.num_outputs, key))
-    while waiting:
-        ready = next((key for key in waiting if all(source in done for source, _ in into[key])), None)
-        if ready is None:
-            raise GenomeImportError(
-                f"nodes {', '.join(map(str, waiting[:5]))}: form a cycle; recurrent networks cannot be imported"
-            )
-        waiting.remove(ready)
-        done.add(ready)
-        order.append(ready)
+    while ready:
+        _, key = heapq.heappop(ready)
+        order.append(key)
+        for reader in readers[key]:
+            missing[reader] -= 1
+            if missing[reader] == 0:
+                heapq.heappush(ready, _rank(reader, shape))
+    waiting = sorted((key for key, count in missing.items() if count), key=lambda key: _rank(key, shape))
+    if waiting:
+        raise GenomeImportError(
+            f"nodes {', '.join(map(str, waiting[:5]))}: form a cycle; recurrent networks cannot be imported"
+        )
     return order
+
+
+def _rank(key: int, shape: NeatShape) -> tuple[bool, int]:
+    return key < shape.num_outputs, key

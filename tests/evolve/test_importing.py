@@ -145,6 +145,12 @@ def change(genome: object, part: str, **values: object) -> object:
         ("connections", {"weight": float("nan")}, "weight is nan, expected an integer"),
         ("connections", {"weight": "1"}, "weight is '1'"),
         ("connections", {"weight": 1000.0}, "weight 1000 is too large for shifts"),
+        ("connections", {"weight": 10**400}, "weight 10000000000000000000 is too large"),
+        ("connections", {"enabled": 1}, "enabled is 1, expected True or False"),
+        ("connections", {"enabled": None}, "enabled is None, expected"),
+        ("nodes", {"bias": -(10**400)}, "bias -1000000000000000000 is too large"),
+        ("nodes", {"response": 10**400}, "response is 1000.*, expected a power of two"),
+        ("nodes", {"response": float("nan")}, "response is nan, expected a power of two"),
         ("nodes", {"bias": 0.5}, r"bias is 0\.5, not an integer"),
         ("nodes", {"response": 3.0}, "response 3 is not a power of two"),
         ("nodes", {"response": -1.0}, r"response is -1\.0, expected a power of two"),
@@ -161,6 +167,30 @@ def test_what_cannot_be_expressed_is_said(
         link.enabled = True
     with pytest.raises(BitneatError, match=message):
         convert(change(genome, part, **values), SHAPE, INPUTS, 8)
+
+
+@pytest.mark.parametrize("key", [-7, "hidden", 1.5, (1, 2)])
+def test_node_keys_must_be_numbers_of_nodes(config_file: Path, key: object) -> None:
+    genome, _ = make(config_file, 3)
+    genome.nodes[key] = genome.nodes[0]
+    with pytest.raises(BitneatError, match="expected an integer from 0 as key"):
+        convert(genome, SHAPE, INPUTS, 8)
+
+
+def test_a_chain_of_thousands_of_nodes_is_ordered_at_once(config_file: Path) -> None:
+    genome, _ = make(config_file, 3)
+    link, node = next(iter(genome.connections.values())), genome.nodes[0]
+    link.enabled, link.weight, node.activation, node.response, node.bias = True, 1.0, "identity", 1.0, 0.0
+    count = 8000
+    genome.nodes = dict.fromkeys(range(count), node)
+    # From the last to the first, which is the worst order for a search of what is ready.
+    genome.connections = dict.fromkeys(
+        [(-1, count - 1), *((key + 1, key) for key in range(1, count - 1)), (2, 0)], link
+    )
+    assert len(convert(genome, SHAPE, INPUTS, 8).outputs) == 2
+    genome.connections[1, 7000] = link
+    with pytest.raises(BitneatError, match="form a cycle"):
+        convert(genome, SHAPE, INPUTS, 8)
 
 
 def test_a_genome_without_a_path_is_refused(config_file: Path) -> None:
