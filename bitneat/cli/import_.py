@@ -24,6 +24,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--env", metavar="ID", help="the environment it was evolved in: gives limits and actions")
     parser.add_argument(
+        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
+    )
+    parser.add_argument(
         "--frac-bits", metavar="F", type=whole_number(4, 12), default=8, help="fractional bits (default 8)"
     )
 
@@ -41,9 +44,10 @@ def run(args: argparse.Namespace) -> int:
     action: Action = BoxAction((-1.0,) * shape.num_outputs, (1.0,) * shape.num_outputs, (shape.num_outputs,), "float32")
     inputs: tuple[Input, ...] = (Input(),) * shape.num_inputs
     if args.env is not None:
-        from bitneat.sim.environment import default_inputs, inspect
+        from bitneat.sim.environment import allow_imports, default_inputs, inspect
 
-        spec = EnvironmentSpec(args.env)
+        allow_imports(args.imports or ())
+        spec = EnvironmentSpec(args.env, {}, tuple(args.imports or ()))
         info = inspect(spec)
         if (info.num_inputs, info.action.num_outputs) != (shape.num_inputs, shape.num_outputs):
             raise BitneatError(

@@ -106,8 +106,14 @@ def allow_imports(modules: Iterable[str]) -> None:
     """Let environments import these modules, which the user has named: importing runs code.
 
     A specification comes from a file, perhaps a stranger's, so its own word that a module is needed is not enough.
+
+    Raises:
+        BitneatError: if one is no name of a module.
     """
-    _allowed_imports.update(modules)
+    for module in modules:
+        if not all(part.isidentifier() for part in module.split(".")):
+            raise UnfitEnvironmentError(f"--import {module!r}: expected the name of a module")
+        _allowed_imports.add(module)
 
 
 def allowed_imports() -> tuple[str, ...]:

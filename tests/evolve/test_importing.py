@@ -277,3 +277,5 @@ def test_the_command_writes_a_champion(tmp_path: Path, config_file: Path, capsys
     assert champion.controller == convert(genome, SHAPE, INPUTS, 8)
     assert main([*arguments, "--env", "CartPole-v1"]) == 2
     assert "CartPole-v1 needs 4 and 2" in capsys.readouterr().err
+    assert main([*arguments, "--env", "Pendulum-v1", "--import", "no_such_module"]) == 2
+    assert "--import no_such_module: No module named" in capsys.readouterr().err
