@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""From a controller to the text of its C files. Pure: nothing here writes a file."""
+"""From a controller to the text of its C files. Nothing here writes a file that stays; choosing by size compiles, in passing."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def generate(
     Raises:
         CodegenError: if no input reaches an output, or the action space does not fit the outputs.
         CNameError: if ``name`` cannot prefix C names, or ``header_name`` cannot stand in an ``#include``.
-        CompilerError: if ``auto`` finds no compiler to measure with.
+        CompilerError: if there is a choice between styles or encodings, and no compiler to measure with.
     """
     check_name(name)
     if header_name is not None:
@@ -153,7 +153,7 @@ def code_bytes(code: GeneratedC) -> int:
     zig = zig_compiler("thumb-freestanding-eabi")
     if zig is None:
         raise CompilerError(
-            "auto: measures with ziglang's clang, which is missing; pip install ziglang, or choose a --style"
+            "codegen: choosing by size needs ziglang's clang, which is missing; pip install ziglang, or take --style unrolled"
         )
     return _code_bytes(code, zig)
 

@@ -143,7 +143,7 @@ class Campaign:
             try:
                 for entry in entries(faulty):
                     implementation = stack.enter_context(HostC(faulty, entry, compiler=self._compiler))
-                    stack.callback(implementation.library.unlink, missing_ok=True)
+                    stack.callback(implementation.binary.unlink, missing_ok=True)
                     implementations.append(implementation)
             except (CompilerError, CFileError) as error:
                 return FaultResult(number, fault, "compile", str(error))

@@ -14,7 +14,7 @@ import struct
 import sys
 from typing import BinaryIO
 
-from bitneat.verify.library import Interface, Library
+from bitneat.verify.binary import Binary, Interface
 
 REQUEST = struct.Struct("=cI")
 _DECISION = struct.Struct("=i")
@@ -23,16 +23,16 @@ READY = b"ready\n"
 RESET, STEPS, DECISIONS = b"r", b"s", b"d"
 
 
-def serve(library: Library, time_limit: int, requests: BinaryIO, answers: BinaryIO) -> None:
+def serve(binary: Binary, time_limit: int, requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer until the other end closes."""
-    interface = library.interface
+    interface = binary.interface
     while True:
         head = requests.read(REQUEST.size)
         if len(head) < REQUEST.size:
             return
         what, count = REQUEST.unpack(head)
         if what == RESET:
-            library.reset()
+            binary.reset()
             continue
         row = 2 * (interface.num_inputs if what == STEPS else interface.num_outputs)
         data = requests.read(count * row)
@@ -40,9 +40,9 @@ def serve(library: Library, time_limit: int, requests: BinaryIO, answers: Binary
         # An alarm ends a loop in C too, as the default action of its signal is to end the process.
         signal.alarm(time_limit)
         if what == STEPS:
-            answer = b"".join([library.step(inputs) for inputs in rows])
+            answer = b"".join([binary.step(inputs) for inputs in rows])
         else:
-            answer = b"".join([_DECISION.pack(library.decide(outputs)) for outputs in rows])
+            answer = b"".join([_DECISION.pack(binary.decide(outputs)) for outputs in rows])
         signal.alarm(0)
         answers.write(answer)
         answers.flush()
@@ -55,14 +55,14 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = sys.stdout.buffer
     try:
-        library = Library(interface)
+        binary = Binary(interface)
     except (AttributeError, OSError) as error:
         answers.write(f"{' '.join(str(error).split())}\n".encode())
         answers.flush()
         return
     answers.write(READY)
     answers.flush()
-    serve(library, time_limit, sys.stdin.buffer, answers)
+    serve(binary, time_limit, sys.stdin.buffer, answers)
 
 
 if __name__ == "__main__":

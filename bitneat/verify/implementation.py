@@ -20,9 +20,9 @@ import numpy.typing as npt
 import bitneat
 from bitneat.native.build import shared_library
 from bitneat.native.compiler import Compiler
+from bitneat.verify.binary import Interface
 from bitneat.verify.cfile import CFile, CFileError
 from bitneat.verify.child import DECISIONS, READY, REQUEST, RESET, STEPS
-from bitneat.verify.library import Interface
 
 if TYPE_CHECKING:
     from bitneat.controller.coding import Int16Array
@@ -85,9 +85,9 @@ class HostC:
         title: str | None = None,
     ) -> None:
         self.title = title or f"{code.path.name} ({code.name}_{entry})"
-        self.library = shared_library([code.path], name=f"verify-{code.name}", flags=flags, compiler=compiler)
+        self.binary = shared_library([code.path], name=f"verify-{code.name}", flags=flags, compiler=compiler)
         self._interface = Interface(
-            library=str(self.library),
+            path=str(self.binary),
             name=code.name,
             entry=entry,
             num_inputs=code.num_inputs,

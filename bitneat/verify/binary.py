@@ -22,7 +22,7 @@ _MARGIN = 64
 class Interface:
     """What a caller must know of a compiled controller."""
 
-    library: str
+    path: str
     name: str
     entry: str
     """``step``, or ``run`` for the one in place."""
@@ -37,7 +37,7 @@ class Interface:
         return asdict(self)
 
 
-class Library:
+class Binary:
     """One compiled controller and its state; values go in and out as bytes of native int16.
 
     Raises:
@@ -58,7 +58,7 @@ class Library:
             f"int32_t {name}_decide(const int16_t *action);"
         )
         self._ffi = ffi
-        self._library = ffi.dlopen(interface.library)
+        self._library = ffi.dlopen(interface.path)
         self._entry = getattr(self._library, f"{name}_{interface.entry}")
         self._reset = getattr(self._library, f"{name}_reset") if interface.num_state is not None else None
         self._decide = getattr(self._library, f"{name}_decide") if interface.has_decide else None
