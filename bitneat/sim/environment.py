@@ -34,9 +34,11 @@ __all__ = [
     "StepController",
     "allow_imports",
     "allowed_imports",
+    "decode_table",
     "default_inputs",
     "inspect",
     "make",
+    "used_inputs",
 ]
 
 Int16Array = npt.NDArray[np.int16]
@@ -271,7 +273,7 @@ class EpisodeRunner:
         self._spec = spec
         self._lean = None
         if simulator == "auto" and bipedal.serves(spec):
-            self._lean = bipedal.make(spec, _used_inputs(controller))
+            self._lean = bipedal.make(spec, used_inputs(controller))
         self._policy = policy
         self._factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
         self._limit = np.array([float(i.limit) for i in controller.inputs])
@@ -340,7 +342,7 @@ class EpisodeRunner:
         return EpisodeResult(total, shaped, steps, bool(terminated), stalled)
 
 
-def _used_inputs(controller: Controller) -> list[int]:
+def used_inputs(controller: Controller) -> list[int]:
     """The inputs that the controller reads."""
     sources = {link.source for node in controller.nodes for link in node.links}
     sources |= {output.index for output in controller.outputs if isinstance(output, Signal)}
@@ -353,7 +355,7 @@ def _decoder(action: Action, frac_bits: int) -> Any:
         start = action.start
         return lambda outputs: start + int(np.argmax(outputs))
     one, count = 1 << frac_bits, action.num_outputs
-    table = _decode_table(action, frac_bits)
+    table = decode_table(action, frac_bits)
     middle = np.arange(count, dtype=np.intp) * (2 * one + 1) + one
     shape = None if action.shape == (count,) else action.shape
 
@@ -365,7 +367,7 @@ def _decoder(action: Action, frac_bits: int) -> Any:
 
 
 @lru_cache(maxsize=4)
-def _decode_table(action: BoxAction, frac_bits: int) -> npt.NDArray[Any]:
+def decode_table(action: BoxAction, frac_bits: int) -> npt.NDArray[Any]:
     """The components of the action for every output -One..One, one component after the other."""
     one = 1 << frac_bits
     rows = [

@@ -14,6 +14,7 @@
 
 /* Every polygon has four vertices, the hull one more: four go into a vector and the last is dealt with by itself. */
 enum { LANES = 4 };
+_Static_assert(MAX_VERTICES == LANES + 1, "at most one vertex is left over");
 typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
 
 struct lane_vec {

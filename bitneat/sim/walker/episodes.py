@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: MIT
+"""Whole episodes of many controllers on many seeds, without Python in between."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bitneat.controller import BoxAction, Controller
+from bitneat.errors import BitneatError
+from bitneat.runtime import OpenBlob, pack_for_runtime
+from bitneat.sim.environment import EpisodeResult, Shaping, decode_table, used_inputs
+from bitneat.sim.walker.library import ffi, lane_width, library, random_state
+
+NUM_INPUTS, NUM_OUTPUTS = 24, 4
+FIRST_RAY = 14
+ACTION = BoxAction((-1.0,) * NUM_OUTPUTS, (1.0,) * NUM_OUTPUTS, (NUM_OUTPUTS,), "float32")
+"""BipedalWalker's action space."""
+
+
+def run_episodes(
+    controllers: Sequence[Controller],
+    seeds: Sequence[int],
+    max_steps: int = 1600,
+    *,
+    hardcore: bool = False,
+    lanes: int | None = None,
+    threads: int | None = None,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32]]:
+    """Run every controller on every seed, each episode from a fresh start until it terminates or has had ``max_steps`` steps.
+
+    Args:
+        controllers: of 24 inputs and 4 outputs.
+        seeds: as of Gymnasium's ``reset(seed=…)``.
+        max_steps: the time limit.
+        hardcore: with ladders, stumps and pitfalls.
+        lanes: walkers side by side in a thread, 1, 4, 8 or 16; the widest that the machine has instructions for if not
+            given. It changes no bit, nor do ``threads``.
+        threads: one a core if not given.
+
+    Returns:
+        The official rewards, summed in float64 in the order of the steps, and the steps taken; both (controllers, seeds).
+
+    Raises:
+        BitneatError: if a controller does not fit the walker, or an argument is out of range.
+    """
+    episodes = evaluate(controllers, seeds, max_steps, hardcore=hardcore, lanes=lanes, threads=threads)
+    shape = (len(controllers), len(seeds))
+    rewards = np.array([episode.reward for row in episodes for episode in row], np.float64).reshape(shape)
+    steps = np.array([episode.steps for row in episodes for episode in row], np.int32).reshape(shape)
+    return rewards, steps
+
+
+def evaluate(
+    controllers: Sequence[Controller],
+    seeds: Sequence[int],
+    max_steps: int,
+    shaping: Shaping | None = None,
+    *,
+    hardcore: bool = False,
+    lanes: int | None = None,
+    threads: int | None = None,
+) -> list[list[EpisodeResult]]:
+    """As `run_episodes`, with the search's reward too: the episodes, by controller and then by seed."""
+    width = lane_width(lanes)
+    if threads is None:
+        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if not 1 <= threads <= 256:
+        raise BitneatError(f"threads: expected 1 to 256, got {threads}")
+    if not 1 <= max_steps < 2**31:
+        raise BitneatError(f"max_steps: expected a number above 0, got {max_steps}")
+    if not controllers or not seeds:
+        return [[] for _ in controllers]
+    policies = _Policies(controllers)
+    grounds = ffi().new("struct pcg64[]", len(seeds))
+    for ground, seed in zip(grounds, seeds, strict=True):
+        ffi().buffer(ffi().addressof(ground))[:] = _seed_state(int(seed))
+    # Neighbours share their seed, so that a lane that takes the next episode mostly finds its ground made.
+    order = np.empty((len(seeds), len(controllers), 2), np.int32)
+    order[:, :, 0] = np.arange(len(controllers))
+    order[:, :, 1] = np.arange(len(seeds))[:, None]
+    results = ffi().new("struct result[]", len(seeds) * len(controllers))
+    _run(policies.structs, grounds, hardcore, order, _shaping(shaping or Shaping(), max_steps), results, width, threads)
+    table: list[list[EpisodeResult]] = [[] for _ in controllers]
+    for index in range(len(seeds) * len(controllers)):
+        r = results[index]
+        if r.failed:
+            seed = seeds[index // len(controllers)]
+            raise BitneatError(f"native walker: the episode of seed {seed} had too many contacts; use --simulator gymnasium")
+        table[index % len(controllers)].append(
+            EpisodeResult(r.reward, r.shaped, r.steps, bool(r.terminated), bool(r.stalled))
+        )
+    return table
+
+
+def _run(
+    policies: Any, grounds: Any, hardcore: bool, order: Any, shaping: Any, results: Any, lanes: int, threads: int
+) -> None:
+    """Call C from a thread of its own, so that Ctrl-C is heard meanwhile."""
+    stop = ffi().new("int32_t *")
+    episodes = ffi().cast("struct episode *", ffi().from_buffer(order))
+    call = library().simulator_run
+    worker = threading.Thread(
+        target=call,
+        args=(policies, grounds, hardcore, episodes, len(results), shaping, results, lanes, threads, stop),
+        daemon=True,
+    )
+    worker.start()
+    try:
+        worker.join()
+    except BaseException:
+        stop[0] = 1
+        worker.join()
+        raise
+
+
+class _Policies:
+    """The C side's view of controllers, with what keeps it alive."""
+
+    def __init__(self, controllers: Sequence[Controller]) -> None:
+        self.structs = ffi().new("struct policy[]", len(controllers))
+        self._keep: list[Any] = []
+        for struct, controller in zip(self.structs, controllers, strict=True):
+            if (len(controller.inputs), len(controller.outputs)) != (NUM_INPUTS, NUM_OUTPUTS):
+                raise BitneatError(
+                    f"native walker: expected a controller of {NUM_INPUTS} inputs and {NUM_OUTPUTS} outputs,"
+                    f" got {len(controller.inputs)} and {len(controller.outputs)}"
+                )
+            blob = OpenBlob(pack_for_runtime(controller), validate=False)
+            factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
+            limit = np.array([float(i.limit) for i in controller.inputs])
+            actions = decode_table(ACTION, controller.frac_bits)
+            self._keep.append((blob, factor, limit, actions))
+            struct.controller = blob.pointer
+            struct.factor = ffi().from_buffer("double[]", factor)
+            struct.limit = ffi().from_buffer("double[]", limit)
+            struct.actions = ffi().from_buffer("float[]", actions)
+            struct.one = 1 << controller.frac_bits
+            struct.rays = sum(1 << (i - FIRST_RAY) for i in used_inputs(controller) if i >= FIRST_RAY)
+
+
+def _shaping(shaping: Shaping, max_steps: int) -> Any:
+    limit = min(max_steps, shaping.max_steps or max_steps)
+    return ffi().new(
+        "struct shaping *",
+        {
+            "fall_reward": shaping.fall_reward,
+            "fall_value": shaping.fall_value,
+            "finish_bonus": shaping.finish_bonus,
+            "stall_gain": shaping.stall_gain,
+            "max_steps": limit,
+            "stall_steps": shaping.stall_steps or limit,
+        },
+    )
+
+
+@lru_cache(maxsize=1 << 16)
+def _seed_state(seed: int) -> bytes:
+    """The bytes of a ``struct pcg64`` after ``reset(seed=seed)`` of any Gymnasium environment."""
+    if seed < 0:
+        raise BitneatError(f"seed: expected a number of at least 0, got {seed}")
+    state = random_state(np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed))))
+    return bytes(ffi().buffer(state))
