@@ -15,8 +15,8 @@
 bool time_of_impact(const struct vec *a, int32_t count, const struct polygon *b, const struct sweep *sweep, float *t);
 
 /* False only if time_of_impact would return false. `start` and `end` are B's poses at times 0 and 1, `angle_change` is the
- * sweep's a - a0. B's body has its centre of mass at the polygon's centroid; coordinates are within 200, angles within 1000.
- * The edge's normal may point to either side, but what lies on the other one is told apart best. */
+ * sweep's a - a0. B's centre of mass is its polygon's centroid; coordinates are within 200, angles within 1000, sides of A above
+ * 0.4. What lies behind an edge, where its normal points to, is not ruled out as well as what lies before it. */
 bool impact_possible(const struct vec *a, int32_t count, const struct polygon *b, const struct pose *start,
                      const struct pose *end, float angle_change);
 bool impact_possible_edge(const struct edge *a, const struct polygon *b, const struct pose *start,
