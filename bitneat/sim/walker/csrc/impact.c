@@ -429,12 +429,12 @@ bool time_of_impact(const struct vec *a, int32_t count, const struct polygon *b,
  * 2. s1 <= TARGET + TOLERANCE. s1 is the apartness at t1 of two features along the axis that the search for the distance found at
  *    t1, and so at least the least apartness of all features along it. The search ends when the farthest corner against its
  *    direction is one that it had already, that is when the direction is that of the nearest points, up to what the dot
- *    products round (2e-5: coordinates below 200, and a shorter direction scales the error along); along that direction
+ *    products round (7e-5: coordinates below 200, and a shorter direction scales the error along); along that direction
  *    the least apartness is D(t1). (It also ends at a direction of no length. That is not one corner, which is CLEARANCE from the
  *    origin; it is two in one place, and the later one was the farthest along the direction that led to it.) POINTS and ON_B
  *    take the same direction again. So does ON_A with one vertex of B. ON_A with two has A's side for it, which then
- *    is perpendicular to the direction up to those same errors over the side's length, above 0.4: 1e-4, times the size of B's
- *    reach, 2, is 2e-4. So s1 > CLEARANCE - 0.0005 > TARGET + TOLERANCE. This argument leaves out a search that gives up after
+ *    is perpendicular to the direction up to those same errors over the side's length, above 0.4: 2e-4, times the size of B's
+ *    reach, 2, is 4e-4. So s1 > CLEARANCE - 0.001 > TARGET + TOLERANCE. This argument leaves out a search that gives up after
  *    MAX_DISTANCE_STEPS: in 800 000 random sweeps of the walker's shapes none took more than five steps.
  *
  * With both, the only ends left are "separated", "overlapped", "got stuck": false. Whatever t1 is makes no difference.
@@ -446,7 +446,7 @@ bool time_of_impact(const struct vec *a, int32_t count, const struct polygon *b,
  *
  * Here too rounding is within 1e-4: of products, of a pose that is not of the very angle that time_of_impact takes (it drops
  * full turns; angles below 1000 are off by 1e-4 / 2 then), and of the centre of mass that is the centroid but for rounding. The
- * margin of 0.002 covers all of it more than twice over.
+ * margin of 0.002 covers the sum of it all, with room to spare.
  */
 
 /* The least of axis . vertex. */
