@@ -70,7 +70,7 @@ struct batch {
     struct motion c[NUM_BODIES];
     struct rotation q[NUM_BODIES];
     struct joint_lanes joint[NUM_JOINTS];
-    int32_t num_slots;
+    int32_t first_slot[NUM_BODIES + 1]; /* of each body; the last is the number of slots */
     struct slot slot[MAX_SLOTS];
 };
 
@@ -142,9 +142,10 @@ static void fill_slot(struct slot *slot, int lane, struct contact *contact)
 
 static void gather_contacts(struct batch *b, struct walker *const *walkers, int count)
 {
-    b->num_slots = 0;
+    int32_t num_slots = 0;
     for (int i = 0; i < NUM_BODIES; ++i) {
-        const int32_t first = b->num_slots;
+        const int32_t first = num_slots;
+        b->first_slot[i] = first;
         for (int lane = 0; lane < count; ++lane) {
             struct body *body = &walkers[lane]->body[i];
             int32_t at = first;
@@ -152,13 +153,14 @@ static void gather_contacts(struct batch *b, struct walker *const *walkers, int 
                 if (!body->contact[k].touching || !body->contact[k].enabled) {
                     continue;
                 }
-                if (at == b->num_slots) {
-                    clear_slot(&b->slot[b->num_slots++], i);
+                if (at == num_slots) {
+                    clear_slot(&b->slot[num_slots++], i);
                 }
                 fill_slot(&b->slot[at++], lane, &body->contact[k]);
             }
         }
     }
+    b->first_slot[NUM_BODIES] = num_slots;
 }
 
 /* The world's view of each contact, and the inverse masses seen by its normal and tangent. */
@@ -472,15 +474,37 @@ static void sweep_slot(struct batch *b, struct slot *slot)
     }
 }
 
+static void sweep_contacts(struct batch *b, int body)
+{
+    for (int32_t i = b->first_slot[body]; i < b->first_slot[body + 1]; ++i) {
+        sweep_slot(b, &b->slot[i]);
+    }
+}
+
+/* A sweep goes over the second leg from the foot up, the first from the hip down, and then all contacts. Each constraint waits for
+ * the one before, so the processor would mostly wait, too. But the second leg can begin the next sweep while the first ends
+ * this one: they share nothing but the hull. Every body still meets its constraints in Box2D's order. */
 static void solve_velocities(struct batch *b)
 {
-    for (int iteration = 0; iteration < VELOCITY_ITERATIONS; ++iteration) {
-        sweep_joint(b, KNEE_2);
-        sweep_joint(b, HIP_2);
+    sweep_joint(b, KNEE_2);
+    sweep_joint(b, HIP_2);
+    for (int iteration = 1;; ++iteration) {
+        const bool last = iteration == VELOCITY_ITERATIONS;
+        sweep_contacts(b, LOWER_2);
+        sweep_contacts(b, UPPER_2);
         sweep_joint(b, HIP_1);
+        if (!last) {
+            sweep_joint(b, KNEE_2);
+        }
+        sweep_contacts(b, HULL);
         sweep_joint(b, KNEE_1);
-        for (int32_t i = 0; i < b->num_slots; ++i) {
-            sweep_slot(b, &b->slot[i]);
+        if (!last) {
+            sweep_joint(b, HIP_2);
+        }
+        sweep_contacts(b, UPPER_1);
+        sweep_contacts(b, LOWER_1);
+        if (last) {
+            return;
         }
     }
 }
@@ -623,32 +647,63 @@ static vm correct_joint(struct batch *b, int index)
     return lanes_or(lanes_lt(lanes_set(LINEAR_SLOP), distance), lanes_lt(lanes_set(ANGULAR_SLOP), turn_error));
 }
 
-/* The lanes that came to rest within the iterations allowed; each stops moving as soon as it has. */
+static vm correct_contacts(struct batch *b, int body, vm bad)
+{
+    for (int32_t i = b->first_slot[body]; i < b->first_slot[body + 1]; ++i) {
+        bad = lanes_or(bad, correct_slot(b, &b->slot[i], ordinary));
+    }
+    return bad;
+}
+
+/* Corrects positions until all errors are small, and tells in which lanes they became so within the iterations allowed. A lane's
+ * positions are those of the first iteration after which they are; what it does while others go on is thrown away.
+ *
+ * The two legs overlap as in solve_velocities, with the contacts first: `bad` is of the iteration that the first leg is in, `next_bad`
+ * of the one that the second leg has begun, and `done` keeps what the bodies were at the end of the former. */
 static unsigned solve_positions(struct batch *b, unsigned lanes)
 {
+    struct motion done[NUM_BODIES], result[NUM_BODIES];
     unsigned unsolved = lanes;
-    for (int iteration = 0; iteration < POSITION_ITERATIONS && unsolved != 0; ++iteration) {
-        struct motion before[NUM_BODIES];
-        for (int i = 0; i < NUM_BODIES; ++i) {
-            before[i] = b->c[i];
-        }
-        vm bad = lanes_from_bits(0);
-        for (int32_t i = 0; i < b->num_slots; ++i) {
-            bad = lanes_or(bad, correct_slot(b, &b->slot[i], ordinary));
-        }
-        bad = lanes_or(bad, correct_joint(b, KNEE_2));
-        bad = lanes_or(bad, correct_joint(b, HIP_2));
+    const vm none = lanes_from_bits(0);
+    vm bad = correct_contacts(b, LOWER_2, none);
+    bad = correct_contacts(b, UPPER_2, bad);
+    bad = correct_contacts(b, HULL, bad);
+    bad = correct_contacts(b, UPPER_1, bad);
+    bad = correct_contacts(b, LOWER_1, bad);
+    bad = lanes_or(bad, correct_joint(b, KNEE_2));
+    bad = lanes_or(bad, correct_joint(b, HIP_2));
+    for (int iteration = 1;; ++iteration) {
+        done[UPPER_2] = b->c[UPPER_2];
+        done[LOWER_2] = b->c[LOWER_2];
         bad = lanes_or(bad, correct_joint(b, HIP_1));
+        vm next_bad = correct_contacts(b, LOWER_2, none);
+        next_bad = correct_contacts(b, UPPER_2, next_bad);
+        next_bad = lanes_or(next_bad, correct_joint(b, KNEE_2));
+        done[HULL] = b->c[HULL];
+        next_bad = correct_contacts(b, HULL, next_bad);
         bad = lanes_or(bad, correct_joint(b, KNEE_1));
-        if (unsolved != lanes) {
-            const vm moving = lanes_from_bits(unsolved);
+        next_bad = lanes_or(next_bad, correct_joint(b, HIP_2));
+        const bool last = iteration == POSITION_ITERATIONS;
+        const unsigned still = unsolved & lanes_bits(bad);
+        if (still != unsolved || last) {
+            done[UPPER_1] = b->c[UPPER_1];
+            done[LOWER_1] = b->c[LOWER_1];
+            const vm stopped = lanes_from_bits(last ? unsolved : unsolved & ~still);
             for (int i = 0; i < NUM_BODIES; ++i) {
-                b->c[i].x = lanes_select(moving, b->c[i].x, before[i].x);
-                b->c[i].y = lanes_select(moving, b->c[i].y, before[i].y);
-                b->c[i].a = lanes_select(moving, b->c[i].a, before[i].a);
+                result[i].x = lanes_select(stopped, done[i].x, result[i].x);
+                result[i].y = lanes_select(stopped, done[i].y, result[i].y);
+                result[i].a = lanes_select(stopped, done[i].a, result[i].a);
+            }
+            unsolved = still;
+            if (last || still == 0) {
+                break;
             }
         }
-        unsolved &= lanes_bits(bad);
+        next_bad = correct_contacts(b, UPPER_1, next_bad);
+        bad = correct_contacts(b, LOWER_1, next_bad);
+    }
+    for (int i = 0; i < NUM_BODIES; ++i) {
+        b->c[i] = result[i];
     }
     return lanes & ~unsolved;
 }
@@ -711,7 +766,7 @@ void JOIN(walker_solve_, LANES)(struct walker *const *walkers, int count)
     struct batch b;
     gather(&b, walkers, count);
     gather_contacts(&b, walkers, count);
-    for (int32_t i = 0; i < b.num_slots; ++i) {
+    for (int32_t i = 0; i < b.first_slot[NUM_BODIES]; ++i) {
         prepare_slot(&b, &b.slot[i]);
         warm_start_slot(&b, &b.slot[i]);
     }
@@ -720,7 +775,7 @@ void JOIN(walker_solve_, LANES)(struct walker *const *walkers, int count)
     prepare_joint(&b, HIP_1);
     prepare_joint(&b, KNEE_1);
     solve_velocities(&b);
-    for (int32_t i = 0; i < b.num_slots; ++i) {
+    for (int32_t i = 0; i < b.first_slot[NUM_BODIES]; ++i) {
         store_impulses(&b.slot[i]);
     }
     for (int i = 0; i < NUM_BODIES; ++i) {

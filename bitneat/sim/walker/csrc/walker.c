@@ -288,12 +288,12 @@ static bool contains(const struct box *outer, const struct box *inner)
            inner->high.y <= outer->high.y;
 }
 
-/* Follows a body that went from `start` to its pose with its box in the broad phase, if it has left that. */
-static void follow(struct walker *w, int index, const struct pose *start)
+/* Follows a body that went from its start to its pose with its box in the broad phase, if it has left that. */
+static void follow(struct walker *w, int index)
 {
     struct body *body = &w->body[index];
     const struct polygon *shape = &walker_model.body[index].shape;
-    const struct box from = polygon_bounds(shape, start);
+    const struct box from = polygon_bounds(shape, &body->start);
     const struct box to = polygon_bounds(shape, &body->pose);
     const struct box swept = {
         {min_f(from.low.x, to.low.x), min_f(from.low.y, to.low.y)},
@@ -302,7 +302,7 @@ static void follow(struct walker *w, int index, const struct pose *start)
     if (contains(&body->fat, &swept)) {
         return;
     }
-    const struct vec ahead = vec_scale(FAT_PREDICTION, vec_sub(body->pose.p, start->p));
+    const struct vec ahead = vec_scale(FAT_PREDICTION, vec_sub(body->pose.p, body->start.p));
     body->fat = fatten(swept);
     *(ahead.x < 0.0f ? &body->fat.low.x : &body->fat.high.x) += ahead.x;
     *(ahead.y < 0.0f ? &body->fat.low.y : &body->fat.high.y) += ahead.y;
@@ -350,7 +350,7 @@ void walker_begin(struct walker *w, const float *action)
     for (int i = 0; i < NUM_BODIES; ++i) {
         struct body *body = &w->body[i];
         collide(w, i);
-        body->start = body->pose.q;
+        body->start = pose_at(body->c, body->pose.q, body->sweep.local_center);
         body->sweep.c0 = body->c;
         body->sweep.a0 = body->a;
         body->sweep.alpha0 = 0.0f;
@@ -390,17 +390,21 @@ static void fall_asleep(struct walker *w)
 /* When a contact's shapes meet in what is left of the step; 1 if they do not. */
 static float impact_of(const struct walker *w, int index, const struct contact *contact)
 {
-    const struct sweep *sweep = &w->body[index].sweep;
+    const struct body *body = &w->body[index];
+    const struct sweep *sweep = &body->sweep;
     const struct polygon *shape = &walker_model.body[index].shape;
+    const float turn = sweep->a - sweep->a0;
     float t;
     bool touching;
     if (contact->shape < NUM_EDGES) {
         const struct edge *edge = &w->ground->edge[contact->shape];
         const struct vec ends[2] = {edge->a, edge->b};
-        touching = time_of_impact(ends, 2, shape, sweep, &t);
+        touching = impact_possible_edge(edge, shape, &body->start, &body->pose, turn) &&
+                   time_of_impact(ends, 2, shape, sweep, &t);
     } else {
         const struct polygon *polygon = &w->ground->polygon[contact->shape - NUM_EDGES];
-        touching = time_of_impact(polygon->vertex, polygon->count, shape, sweep, &t);
+        touching = impact_possible(polygon->vertex, polygon->count, shape, &body->start, &body->pose, turn) &&
+                   time_of_impact(polygon->vertex, polygon->count, shape, sweep, &t);
     }
     return touching ? min_f(sweep->alpha0 + (1.0f - sweep->alpha0) * t, 1.0f) : 1.0f;
 }
@@ -447,12 +451,12 @@ static void handle_impact(struct walker *w, int index, struct contact *first, fl
         }
     }
     walker_substep(body, index, island, count, (1.0f - time) * walker_model.time_step);
-    const struct pose start = pose_at(body->sweep.c0, rot_from_angle(body->sweep.a0), body->sweep.local_center);
+    body->start = pose_at(body->sweep.c0, rot_from_angle(body->sweep.a0), body->sweep.local_center);
     body->pose = pose_at(body->sweep.c, rot_from_angle(body->sweep.a), body->sweep.local_center);
     for (int32_t i = 0; i < body->num_contacts; ++i) {
         body->contact[i].has_impact = false;
     }
-    follow(w, index, &start);
+    follow(w, index);
 }
 
 /* Impacts of one body, in the order of time. Those of different bodies do not touch one another: joints are not looked at here, and
@@ -500,8 +504,7 @@ void walker_end(struct walker *w)
         struct body *body = &w->body[i];
         body->sweep.c = body->c;
         body->sweep.a = body->a;
-        const struct pose start = pose_at(body->sweep.c0, body->start, body->sweep.local_center);
-        follow(w, i, &start);
+        follow(w, i);
         if (body->num_contacts > 0) {
             handle_impacts(w, i);
         }

@@ -69,7 +69,7 @@ struct body {
     struct vec c, v;
     float a, w;
     struct pose pose;
-    struct rot start; /* the rotation at the start of the step */
+    struct pose start; /* at the start of the sweep */
     struct sweep sweep; /* of the step */
     struct box fat;
     float sleep_time;
