@@ -213,7 +213,9 @@ static void act(struct run *run, int16_t *workspace)
     bn_run(controller, run->state, workspace);
     const int16_t *outputs = workspace + controller->workspace_length - NUM_ACTIONS;
     for (int i = 0; i < NUM_ACTIONS; ++i) {
-        const int32_t y = outputs[i] < -policy->one ? -policy->one : outputs[i] > policy->one ? policy->one : outputs[i];
+        const int32_t y = outputs[i] < -policy->one  ? -policy->one
+                          : outputs[i] > policy->one ? policy->one
+                                                     : outputs[i];
         run->action[i] = policy->actions[i * (2 * policy->one + 1) + policy->one + y];
     }
 }

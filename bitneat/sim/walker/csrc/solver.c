@@ -38,9 +38,9 @@ struct rotation {
 /* A joint, ready for the velocity sweeps. */
 struct joint_lanes {
     vf rax, ray, rbx, rby;
-    vf k11, k12, k22;      /* of the point constraint */
-    vf inverse2;           /* 1 / determinant of the above */
-    vf k13, k23;           /* and the angle's row */
+    vf k11, k12, k22; /* of the point constraint */
+    vf inverse2;      /* 1 / determinant of the above */
+    vf k13, k23;      /* and the angle's row */
     vf minor1, minor2, minor3, inverse3;
     vf speed, max_impulse;
     vf ix, iy, iz, motor; /* accumulated impulses */
@@ -187,19 +187,17 @@ static void prepare_slot(struct batch *b, struct slot *slot)
     const vf turned_ny = q->s * slot->local_nx + q->c * slot->local_ny;
     const vf face_nx = lanes_select(face_b, turned_nx, slot->local_nx);
     const vf face_ny = lanes_select(face_b, turned_ny, slot->local_ny);
-    const vf plane_x =
-        lanes_select(face_b, (q->c * slot->plane_x - q->s * slot->plane_y) + px, slot->plane_x);
-    const vf plane_y =
-        lanes_select(face_b, (q->s * slot->plane_x + q->c * slot->plane_y) + py, slot->plane_y);
+    const vf plane_x = lanes_select(face_b, (q->c * slot->plane_x - q->s * slot->plane_y) + px, slot->plane_x);
+    const vf plane_y = lanes_select(face_b, (q->s * slot->plane_x + q->c * slot->plane_y) + py, slot->plane_y);
     slot->nx = lanes_select(face_b, -face_nx, face_nx);
     slot->ny = lanes_select(face_b, -face_ny, face_ny);
 
     vf rn[2];
     for (int i = 0; i < 2; ++i) {
-        const vf clip_x = lanes_select(
-            face_b, slot->point_x[i], (q->c * slot->point_x[i] - q->s * slot->point_y[i]) + px);
-        const vf clip_y = lanes_select(
-            face_b, slot->point_y[i], (q->s * slot->point_x[i] + q->c * slot->point_y[i]) + py);
+        const vf clip_x =
+            lanes_select(face_b, slot->point_x[i], (q->c * slot->point_x[i] - q->s * slot->point_y[i]) + px);
+        const vf clip_y =
+            lanes_select(face_b, slot->point_y[i], (q->s * slot->point_x[i] + q->c * slot->point_y[i]) + py);
         const vf depth = radius - ((clip_x - plane_x) * face_nx + (clip_y - plane_y) * face_ny);
         /* Half-way between the two skins. The sum is the same whichever shape owns the face. */
         const vf x = half * ((clip_x + depth * face_nx) + (clip_x - radius * face_nx));

@@ -81,7 +81,8 @@ static void make_box(struct polygon *shape, double half_width, double half_heigh
     shape->centroid = vec_make(0.0f, 0.0f);
 }
 
-static void model_joint(int index, int a, int b, double anchor_a, double anchor_b, float lower, float upper, float speed)
+static void model_joint(int index, int a, int b, double anchor_a, double anchor_b, float lower, float upper,
+                        float speed)
 {
     struct joint_model *joint = &walker_model.joint[index];
     const struct body_model *body_a = &walker_model.body[a];

@@ -29,17 +29,17 @@ enum { VELOCITY_ITERATIONS = 180, POSITION_ITERATIONS = 60, SUBSTEP_POSITION_ITE
 struct body_model {
     struct polygon shape;
     float inverse_mass, inverse_inertia;
-    float friction; /* against the ground: the mixture of both */
+    float friction;    /* against the ground: the mixture of both */
     struct vec center; /* of mass, in the body's frame */
     struct vec start;
     float start_angle;
 };
 
 struct joint_model {
-    int32_t a, b;                /* bodies */
+    int32_t a, b;                  /* bodies */
     struct vec anchor_a, anchor_b; /* from the bodies' centres of mass */
     float reference, lower, upper; /* angles */
-    float speed;                 /* of the motor at full action */
+    float speed;                   /* of the motor at full action */
 };
 
 /* What is the same for every walker. */
@@ -58,7 +58,7 @@ extern struct model walker_model;
 void walker_model_build(void);
 
 struct contact {
-    int16_t shape; /* an edge's index, or NUM_EDGES plus a polygon's */
+    int16_t shape;   /* an edge's index, or NUM_EDGES plus a polygon's */
     uint8_t impacts; /* times of impact handled in this step */
     bool touching, enabled, has_impact;
     float impact; /* when, if has_impact */
@@ -69,7 +69,7 @@ struct body {
     struct vec c, v;
     float a, w;
     struct pose pose;
-    struct pose start; /* at the start of the sweep */
+    struct pose start;  /* at the start of the sweep */
     struct sweep sweep; /* of the step */
     struct box fat;
     float sleep_time;
@@ -82,7 +82,7 @@ enum limit { AT_LOWER = -1, BETWEEN = 0, AT_UPPER = 1 };
 
 struct joint {
     float impulse_x, impulse_y, impulse_z, motor_impulse;
-    float limit; /* an enum limit */
+    float limit;             /* an enum limit */
     float speed, max_torque; /* of the motor */
 };
 
