@@ -14,6 +14,7 @@ from bitneat.cli.arguments import add_json, whole_number
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
+    from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import Config
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
 
@@ -50,8 +51,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
     )
     parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    parser.add_argument("--workers", metavar="N", type=whole_number(1), help="processes (default: one a core)")
-    parser.add_argument("--simulator", choices=("auto", "gymnasium"), default="auto", help="default auto")
+    parser.add_argument(
+        "--workers",
+        metavar="N",
+        type=whole_number(1),
+        help="processes, or threads of the native simulator (default: one a core)",
+    )
+    parser.add_argument(
+        "--simulator",
+        choices=("auto", "native", "gymnasium"),
+        default="auto",
+        help="auto (the default) runs BipedalWalker natively in C, all else in Gymnasium; the results are the same",
+    )
     parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
     parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
@@ -111,14 +122,17 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
-    from bitneat.evolve.evaluation import GymnasiumEvaluator
+    from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
     from bitneat.evolve.progress import progress_for
+    from bitneat.evolve.recheck import Recheck, SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
     from bitneat.sim.environment import inspect
 
     info = inspect(settings.environment)
     max_steps = episode_limit(settings.config, settings.environment, info)
+    simulator = _simulator(settings.environment, args.simulator)
+    workers = args.workers or _cores()
     if args.resume is None:
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
@@ -126,16 +140,21 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     progress = progress_for()
-    evaluator = None
+    evaluator: Evaluator | None = None
+    recheck = None
     try:
-        evaluator = GymnasiumEvaluator(
-            settings.environment, info.action, max_steps, args.workers or _cores(), args.simulator
-        )
-        return carry_on(folder, settings, info, evaluator, progress)
+        if simulator == "native":
+            evaluator = NativeWalkerEvaluator(settings.environment, max_steps, workers)
+            recheck = Recheck(settings.environment, info.action, max_steps)
+        else:
+            evaluator = GymnasiumEvaluator(settings.environment, info.action, max_steps, workers, simulator)
+        return carry_on(folder, settings, info, evaluator, progress, check=recheck)
     except KeyboardInterrupt:
         progress.close()
         print(f"bitneat: stopped; continue with: bitneat evolve --resume {folder.path}", file=sys.stderr)
         raise
+    except SimulatorsDifferError:
+        raise  # the folder stays even without a checkpoint, for --resume with the other simulator
     except Exception:
         # What fails before the first checkpoint will fail again, and its folder would be in the way of another try.
         if args.resume is None and folder.generations() == 0:
@@ -147,10 +166,28 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         progress.close()
 
 
+def _simulator(spec: EnvironmentSpec, wanted: str) -> str:
+    """What runs the episodes: "native", or as `GymnasiumEvaluator` takes it."""
+    from bitneat.sim import bipedal
+    from bitneat.sim.walker.original import obstacle
+
+    if wanted == "gymnasium":
+        return wanted
+    reason = obstacle(spec)
+    if reason is None:
+        return "native"
+    if wanted == "native":
+        raise BitneatError(f"--simulator native: {reason}")
+    if bipedal.is_walker(spec):
+        print(f"bitneat: the native simulator, which is much faster, cannot be used: {reason}", file=sys.stderr)
+    return "auto"
+
+
 def _new_settings(args: argparse.Namespace) -> RunSettings:
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import load, preset_for
     from bitneat.evolve.run import RunSettings
+    from bitneat.sim.walker.trigonometry import probe_for
 
     spec = EnvironmentSpec(
         args.env or DEFAULT_ENVIRONMENT, _keyword_arguments(args.env_arg or []), tuple(args.imports or ())
@@ -158,7 +195,8 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
     config = load(args.config if args.config is not None else preset_for(spec))
     if args.pop is not None:
         config = config.with_values("NEAT", pop_size=args.pop)
-    return RunSettings(spec, _with_generations(config, args.generations), args.seed or 0, args.time)
+    config = _with_generations(config, args.generations)
+    return RunSettings(spec, config, args.seed or 0, args.time, trigonometry=probe_for(spec))
 
 
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
@@ -166,8 +204,10 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
 
     from bitneat.evolve.config import load
     from bitneat.evolve.run import Stage
+    from bitneat.sim.walker.trigonometry import refuse_other
 
     settings = folder.settings()
+    refuse_other(settings.trigonometry, str(folder.path / "run.json"))
     if args.config is not None:
         stage = Stage(folder.generations(), settings.config.text)
         settings = replace(settings, config=load(args.config), earlier=(*settings.earlier, stage))

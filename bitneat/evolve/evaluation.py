@@ -15,7 +15,12 @@ from bitneat.controller import Action, Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.pool import WorkerPool
 from bitneat.runtime import RuntimeController
+from bitneat.sim import bipedal
 from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping, allow_imports, allowed_imports
+from bitneat.sim.walker.episodes import evaluate as evaluate_natively
+
+MAX_THREADS = 256
+"""Of the native walker."""
 
 
 class Evaluator(Protocol):
@@ -70,6 +75,32 @@ class GymnasiumEvaluator:
         """Stop the processes."""
         if self._pool is not None:
             self._pool.close()
+
+
+class NativeWalkerEvaluator:
+    """BipedalWalker in C, which gives Gymnasium's results to the bit; see `bitneat.sim.walker.original.obstacle`.
+
+    Args:
+        spec: the environment, which must have no obstacle.
+        max_steps: the time limit of an episode.
+        workers: threads.
+    """
+
+    def __init__(self, spec: EnvironmentSpec, max_steps: int, workers: int) -> None:
+        self._hardcore = bipedal.is_hardcore(spec)
+        self._max_steps = max_steps
+        self._threads = min(workers, MAX_THREADS)
+
+    def evaluate(
+        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+    ) -> list[list[EpisodeResult]]:
+        """The episodes, by controller and then by seed."""
+        return evaluate_natively(
+            controllers, seeds, self._max_steps, shaping, hardcore=self._hardcore, threads=self._threads
+        )
+
+    def close(self) -> None:
+        """Nothing to do: threads end with each call."""
 
 
 class EpisodeJobs:

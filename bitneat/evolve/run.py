@@ -15,7 +15,7 @@ import math
 import platform
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib import metadata
 from pathlib import Path
@@ -39,6 +39,7 @@ CHECKPOINTS_KEPT = 2
 MAX_SEED = 1 << 4096
 MAX_CHECKPOINT_BYTES = 1 << 30
 
+_TRIGONOMETRY = re.compile(r"[0-9a-f]{16}")
 _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
 
 
@@ -64,6 +65,8 @@ class RunSettings:
     seed: int
     seconds: float | None = None
     earlier: tuple[Stage, ...] = ()
+    trigonometry: str | None = None
+    """Hash of the C library's functions that walkers depend on, where the run began; see `bitneat.sim.walker.trigonometry`."""
 
     def to_data(self) -> dict[str, Any]:
         """As plain data; the configuration has its own file."""
@@ -74,6 +77,7 @@ class RunSettings:
             "seed": self.seed,
             "seconds": self.seconds,
             "earlier": [stage.to_data() for stage in self.earlier],
+            "trigonometry": self.trigonometry,
         }
 
 
@@ -132,14 +136,19 @@ class RunFolder:
         try:
             spec = environment_from_data(data["environment"])
             seed, seconds = data["seed"], data["seconds"]
+            trigonometry = data.get("trigonometry")  # runs of before it was recorded lack the key
             earlier = tuple(Stage(_count(stage["generations"]), str(stage["config"])) for stage in data["earlier"])
             if type(seed) is not int or not 0 <= seed < MAX_SEED:
                 raise BitneatError("seed: expected an integer from 0")
             if seconds is not None and not (type(seconds) in (int, float) and 0 < seconds < math.inf):
                 raise BitneatError("seconds: expected a number above 0, or null")
+            if trigonometry is not None and not (
+                isinstance(trigonometry, str) and _TRIGONOMETRY.fullmatch(trigonometry)
+            ):
+                raise BitneatError("trigonometry: expected 16 hexadecimal digits, or null")
         except Exception as error:  # the file may be anyone's
             raise BitneatError(f"{self.path / 'run.json'}: damaged: {_reason(error)}") from None
-        return RunSettings(spec, config, seed, seconds, earlier)
+        return RunSettings(spec, config, seed, seconds, earlier, trigonometry)
 
     def generations(self) -> int:
         """Generations completed, according to the last checkpoint."""
@@ -206,12 +215,21 @@ class Outcome:
 
 
 def carry_on(
-    folder: RunFolder, settings: RunSettings, info: EnvironmentInfo, evaluator: Evaluator, progress: Progress
+    folder: RunFolder,
+    settings: RunSettings,
+    info: EnvironmentInfo,
+    evaluator: Evaluator,
+    progress: Progress,
+    *,
+    check: Callable[[Candidate], None] | None = None,
 ) -> Outcome:
     """Take a run from its last checkpoint, or from the start, to its end.
 
     The champion and the score depend on the settings alone, whatever the evaluator's workers and however often the run was
     stopped, unless a time limit cuts it short.
+
+    ``check`` is called with each candidate that takes the lead, and with the champion, before anything of its generation is
+    saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
     search = Search(settings.config, settings.environment, info, settings.seed)
@@ -223,10 +241,13 @@ def carry_on(
     out_of_time = False
     while search.generation < generations and not out_of_time:
         row = search.advance(evaluator)
+        leads = search.candidates[0] is not best
+        best = search.candidates[0]
+        if leads and check is not None:
+            check(best)
         folder.save_checkpoint(search)
         folder.save_history(search)
-        if search.candidates[0] is not best:
-            best = search.candidates[0]
+        if leads:
             folder.save_champion(_champion(settings, info, search, best, None))
         progress.generation(row, best)
         out_of_time = settings.seconds is not None and time.monotonic() - started > settings.seconds
@@ -234,6 +255,8 @@ def carry_on(
         raise BitneatError("no champion: the run has 0 generations")
     progress.choosing()
     candidate = search.finalists(evaluator)[0]
+    if check is not None:
+        check(candidate)
     score = search.report(evaluator, candidate.controller)
     champion = _champion(settings, info, search, candidate, score)
     folder.save_champion(champion)

@@ -24,7 +24,10 @@ from bitneat.champion import EnvironmentSpec
 FIRST_RAY = 14
 """Index of the first of the ten lidar components of an observation."""
 NUM_RAYS = 10
+IDS = ("BipedalWalker-v3", "BipedalWalkerHardcore-v3")
+"""Gymnasium's names for the walker on even and on uneven ground."""
 
+_ENTRY_POINT = "gymnasium.envs.box2d.bipedal_walker:BipedalWalker"
 _KNOWN_SOURCES = {
     "__init__": {"c347686ebdb705248fb644e1f695f9b0041f6b4854660a1f6483b476cf773341"},
     "reset": {"d1317a6a31bbf81eb38f180d962e57631181b22b01db1aeff7cd79a8ec63b7e2"},
@@ -33,21 +36,35 @@ _KNOWN_SOURCES = {
 """SHA-256 of the source of each method that this module replaces or relies on: Gymnasium 1.4."""
 
 
+def is_walker(spec: EnvironmentSpec) -> bool:
+    """True iff it is one of `IDS`, with no other argument than ``hardcore``."""
+    return spec.id in IDS and all(name == "hardcore" and isinstance(value, bool) for name, value in spec.kwargs.items())
+
+
+def is_hardcore(spec: EnvironmentSpec) -> bool:
+    """True iff the ground of this walker has ladders, stumps and pitfalls."""
+    return bool(spec.kwargs.get("hardcore", spec.id == "BipedalWalkerHardcore-v3"))
+
+
 def serves(spec: EnvironmentSpec) -> bool:
     """True iff an environment can be replaced by `LeanWalker` without changing a bit."""
-    if spec.id not in ("BipedalWalker-v3", "BipedalWalkerHardcore-v3") or set(spec.kwargs) - {"hardcore"}:
+    if not is_walker(spec):
         return False
     try:
         from gymnasium.envs.box2d.bipedal_walker import BipedalWalker
+        from gymnasium.envs.registration import registry
     except Exception:  # a missing Box2D is reported where the environment is made
+        return False
+    # A module that --import named may have put another environment under the id.
+    registered = registry.get(spec.id)
+    if registered is None or registered.entry_point != _ENTRY_POINT or registered.additional_wrappers:
         return False
     return all(_digest(getattr(BipedalWalker, name)) in known for name, known in _KNOWN_SOURCES.items())
 
 
 def make(spec: EnvironmentSpec, used_inputs: Sequence[int]) -> Any:
     """A `LeanWalker` without wrappers: the caller keeps the time limit."""
-    hardcore = spec.id == "BipedalWalkerHardcore-v3" or bool(spec.kwargs.get("hardcore"))
-    return _lean_walker()(hardcore, [i - FIRST_RAY for i in used_inputs if i >= FIRST_RAY])
+    return _lean_walker()(is_hardcore(spec), [i - FIRST_RAY for i in used_inputs if i >= FIRST_RAY])
 
 
 @cache

@@ -86,13 +86,16 @@ def evaluate(
     order[:, :, 0] = np.arange(len(controllers))
     order[:, :, 1] = np.arange(len(seeds))[:, None]
     results = ffi().new("struct result[]", len(seeds) * len(controllers))
-    _run(policies.structs, grounds, hardcore, order, _shaping(shaping or Shaping(), max_steps), results, width, threads)
+    limits = _shaping(shaping or Shaping(), max_steps)
+    _run(policies, grounds, order, limits, results, hardcore=hardcore, lanes=width, threads=threads)
     table: list[list[EpisodeResult]] = [[] for _ in controllers]
     for index in range(len(seeds) * len(controllers)):
         r = results[index]
         if r.failed:
             seed = seeds[index // len(controllers)]
-            raise BitneatError(f"native walker: the episode of seed {seed} had too many contacts; use --simulator gymnasium")
+            raise BitneatError(
+                f"native walker: the episode of seed {seed} had too many contacts; use --simulator gymnasium"
+            )
         table[index % len(controllers)].append(
             EpisodeResult(r.reward, r.shaped, r.steps, bool(r.terminated), bool(r.stalled))
         )
@@ -100,23 +103,33 @@ def evaluate(
 
 
 def _run(
-    policies: Any, grounds: Any, hardcore: bool, order: Any, shaping: Any, results: Any, lanes: int, threads: int
+    policies: _Policies,
+    grounds: Any,
+    order: Any,
+    shaping: Any,
+    results: Any,
+    *,
+    hardcore: bool,
+    lanes: int,
+    threads: int,
 ) -> None:
     """Call C from a thread of its own, so that Ctrl-C is heard meanwhile."""
     stop = ffi().new("int32_t *")
-    episodes = ffi().cast("struct episode *", ffi().from_buffer(order))
     call = library().simulator_run
-    worker = threading.Thread(
-        target=call,
-        args=(policies, grounds, hardcore, episodes, len(results), shaping, results, lanes, threads, stop),
-        daemon=True,
-    )
-    worker.start()
+
+    def work() -> None:  # holds on to all that C reads and writes, whatever becomes of the caller
+        episodes = ffi().cast("struct episode *", ffi().from_buffer(order))
+        structs = policies.structs
+        call(structs, grounds, hardcore, episodes, len(results), shaping, results, lanes, threads, stop)
+
+    worker = threading.Thread(target=work, daemon=True)
     try:
+        worker.start()
         worker.join()
     except BaseException:
         stop[0] = 1
-        worker.join()
+        if worker.is_alive():
+            worker.join()
         raise
 
 
