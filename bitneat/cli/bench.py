@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
@@ -15,9 +16,10 @@ if TYPE_CHECKING:
 HELP = "measure speed against neat-python, Gymnasium and Python's own start"
 EXAMPLE = """\
   bitneat bench                    all of it, as the table of docs/benchmarks.md
-  bitneat bench runtime --json runtime.json"""
+  bitneat bench runtime --json runtime.json
+  bitneat bench sim                the native walker against Gymnasium, and EnvPool where it is installed"""
 
-SUBJECTS = ("runtime", "evolve", "codegen", "startup")
+SUBJECTS = ("runtime", "evolve", "sim", "codegen", "startup")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,23 +38,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Measure and print one table; a goal that is missed is said, but is no failure, as machines differ."""
     subjects = SUBJECTS if args.subject == "all" else (args.subject,)
-    measurements = [line for subject in subjects for line in _measure(subject)(args.repetitions)]
+    measurements: list[Measurement] = []
+    comparison = None
+    for subject in subjects:
+        if subject == "sim":
+            from bitneat.bench.simulator import compare
+
+            comparison = compare(args.repetitions)
+            measurements += comparison.measurements()
+        else:
+            measurements += _measure(subject)(args.repetitions)
     machine = describe_machine()
     packages = [f"{name} {version}" for name, version in machine["packages"].items()]
     print(", ".join([machine["processor"], machine["compiler"], f"Python {machine['python']}", *packages]))
+    if comparison is not None:
+        print(comparison.heading)
     print()
     print(table(measurements))
+    if comparison is not None and comparison.notes:
+        print()
+        print("\n".join(comparison.notes))
     if args.json is not None:
         from bitneat.files import write_json
 
-        write_json(
-            args.json,
-            {
-                "machine": machine,
-                "repetitions": args.repetitions,
-                "measurements": [line.to_data() for line in measurements],
-            },
-        )
+        data: dict[str, Any] = {
+            "machine": machine,
+            "repetitions": args.repetitions,
+            "measurements": [line.to_data() for line in measurements],
+        }
+        if comparison is not None:
+            data["simulator"] = comparison.to_data()
+        write_json(args.json, data)
     return 0
 
 
@@ -83,11 +99,13 @@ def table(measurements: Sequence[Measurement]) -> str:
 def describe_machine() -> dict[str, Any]:
     """Say what the figures depend on."""
     import platform
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
 
     from bitneat.native import host_compiler
 
     packages = {name: version(name) for name in ("neat-python", "gymnasium", "numpy")}
+    with suppress(PackageNotFoundError):
+        packages["envpool"] = version("envpool")
     return {
         "processor": _processor(),
         "compiler": host_compiler().title,
