@@ -362,6 +362,7 @@ def test_a_hostile_checkpoint_is_one_line_or_does_no_harm(
         (("seed",), -1), (("seed",), True), (("seed",), "1"), (("seconds",), -1), (("seconds",), float("nan")),
         (("seconds",), True), (("seconds",), "1"), (("earlier",), 1), (("earlier",), [{"generations": float("inf")}]),
         (("environment",), None), (("environment", "kwargs"), 1), (("environment", "imports"), "os"),
+        (("trigonometry",), 7), (("trigonometry",), "0123"), (("trigonometry",), "0123456789ABCDEF\n"),
     ],
 )  # fmt: skip
 def test_a_hostile_run_file_is_one_line(
