@@ -168,7 +168,9 @@ class Controller:
         """The canonical form: pruned, constants folded, nodes and links in canonical order."""
         from bitneat.controller.canonical import canonicalize
 
-        return canonicalize(self)
+        form = canonicalize(self)
+        form.__dict__["canonical"] = form  # it is its own, and finding that out again would cost as much
+        return form
 
     @cached_property
     def sha256(self) -> str:

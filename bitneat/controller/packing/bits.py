@@ -17,16 +17,18 @@ class BitWriter:
     """Collects bits; `to_bytes` pads the last byte with zeros."""
 
     def __init__(self) -> None:
-        self._bits: list[int] = []
+        self._value = 0  # one large number: its operations are fast ones, bit by bit is not
+        self._length = 0
 
     def __len__(self) -> int:
-        return len(self._bits)
+        return self._length
 
     def put(self, value: int, width: int) -> None:
         """Append ``width`` bits of a value in 0..2^width-1, the lowest first."""
         if not 0 <= value < 1 << width:
             raise ValueError(f"{value} does not fit {width} bits")
-        self._bits.extend(value >> i & 1 for i in range(width))
+        self._value |= value << self._length
+        self._length += width
 
     def put_count(self, value: int) -> None:
         """Append a non-negative number of any size."""
@@ -39,20 +41,17 @@ class BitWriter:
 
     def put_rice(self, value: int, k: int) -> None:
         """Append ``value`` in the Rice code of parameter k: value >> k in ones and a zero, then its k low bits."""
-        self._bits.extend([1] * (value >> k))
-        self._bits.append(0)
+        ones = value >> k
+        self.put((1 << ones) - 1, ones + 1)
         self.put(value & ((1 << k) - 1), k)
 
     def align(self) -> None:
         """Append zeros up to the next whole byte."""
-        self._bits.extend([0] * (-len(self._bits) % 8))
+        self._length += -self._length % 8
 
     def to_bytes(self) -> bytes:
         """What was written, padded to whole bytes."""
-        padded = self._bits + [0] * (-len(self._bits) % 8)
-        return bytes(
-            sum(bit << i for i, bit in enumerate(padded[start : start + 8])) for start in range(0, len(padded), 8)
-        )
+        return self._value.to_bytes((self._length + 7) // 8, "little")
 
 
 class BitReader:

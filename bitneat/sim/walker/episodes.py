@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import os
+import math
 import threading
 from collections.abc import Sequence
 from functools import lru_cache
@@ -16,12 +16,15 @@ from bitneat.controller import BoxAction, Controller
 from bitneat.errors import BitneatError
 from bitneat.runtime import OpenBlob, pack_for_runtime
 from bitneat.sim.environment import EpisodeResult, Shaping, decode_table, used_inputs
-from bitneat.sim.walker.library import ffi, lane_width, library, random_state
+from bitneat.sim.walker.library import MAX_THREADS, default_threads, ffi, lane_width, library, random_state
 
 NUM_INPUTS, NUM_OUTPUTS = 24, 4
 FIRST_RAY = 14
 ACTION = BoxAction((-1.0,) * NUM_OUTPUTS, (1.0,) * NUM_OUTPUTS, (NUM_OUTPUTS,), "float32")
 """BipedalWalker's action space."""
+
+_UNDONE, _OVERFLOW = 1, 2
+"""What C leaves in ``failed``."""
 
 
 def run_episodes(
@@ -70,9 +73,9 @@ def evaluate(
     """As `run_episodes`, with the search's reward too: the episodes, by controller and then by seed."""
     width = lane_width(lanes)
     if threads is None:
-        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if not 1 <= threads <= 256:
-        raise BitneatError(f"threads: expected 1 to 256, got {threads}")
+        threads = default_threads()
+    if not 1 <= threads <= MAX_THREADS:
+        raise BitneatError(f"threads: expected 1 to {MAX_THREADS}, got {threads}")
     if not 1 <= max_steps < 2**31:
         raise BitneatError(f"max_steps: expected a number above 0, got {max_steps}")
     if not controllers or not seeds:
@@ -91,10 +94,11 @@ def evaluate(
     table: list[list[EpisodeResult]] = [[] for _ in controllers]
     for index in range(len(seeds) * len(controllers)):
         r = results[index]
-        if r.failed:
-            seed = seeds[index // len(controllers)]
+        if r.failed or not math.isfinite(r.reward):
+            reason = {_UNDONE: "out of memory", _OVERFLOW: "a body touches more shapes than there is room for"}
             raise BitneatError(
-                f"native walker: the episode of seed {seed} had too many contacts; use --simulator gymnasium"
+                f"native walker: the episode of seed {seeds[index // len(controllers)]} failed:"
+                f" {reason.get(r.failed, f'its reward is {r.reward}')}; use --simulator gymnasium"
             )
         table[index % len(controllers)].append(
             EpisodeResult(r.reward, r.shaped, r.steps, bool(r.terminated), bool(r.stalled))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,18 @@ LANE_WIDTHS = (1, 4, 8, 16)
 FLAGS = ("-std=gnu11", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-pthread", "-lm")
 """A product and a sum must not be contracted: each of them rounds, in Box2D's build too."""
 
-_SOURCES = ("collide", "impact", "simulator", "solver_1", "solver_4", "solver_8", "solver_16", "terrain", "trig", "walker")
+_SOURCES = (
+    "collide",
+    "impact",
+    "simulator",
+    "solver_1",
+    "solver_4",
+    "solver_8",
+    "solver_16",
+    "terrain",
+    "trig",
+    "walker",
+)
 _CDEF = """
 struct pcg64 {
     uint64_t state[2], increment[2];
@@ -90,6 +102,16 @@ def library() -> Any:
     opened = ffi().dlopen(str(path))
     opened.simulator_open()
     return opened
+
+
+MAX_THREADS = 256
+"""More are not started in one call."""
+
+
+def default_threads() -> int:
+    """One for each core that this process may use."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, MAX_THREADS)
 
 
 def lane_width(lanes: int | None) -> int:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import copy
 import math
 import operator
-import os
 from collections.abc import Sequence
 from typing import Any, SupportsIndex
 
@@ -19,7 +18,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from bitneat.errors import BitneatError
-from bitneat.sim.walker.library import LANE_WIDTHS, ffi, lane_width, library, random_state
+from bitneat.sim.walker.library import LANE_WIDTHS, MAX_THREADS, default_threads, ffi, lane_width, library, random_state
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -94,7 +93,7 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
             self.spec.kwargs["hardcore"] = True
         self._limit = STEP_LIMIT if max_episode_steps is None else _count("max_episode_steps", max_episode_steps)
         self.spec.max_episode_steps = self._limit
-        self._threads = _cores() if threads is None else _count("threads", threads, 256)
+        self._threads = default_threads() if threads is None else _count("threads", threads, MAX_THREADS)
         self._lanes = lane_width(lanes)
         if lanes is None:
             self._lanes = min(self._lanes, next((w for w in LANE_WIDTHS if w >= self.num_envs), self._lanes))
@@ -317,11 +316,6 @@ def _count(name: str, value: SupportsIndex, most: int = 2**31 - 1) -> int:
     if not 1 <= number <= most:
         raise BitneatError(f"{name}: expected a whole number from 1 to {most}, got {value!r}")
     return number
-
-
-def _cores() -> int:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, 256)
 
 
 def _seeds(seed: Any, num_envs: int) -> list[int | None]:

@@ -237,8 +237,7 @@ static bool start(struct run_context *c, struct run *run)
     const struct bn_controller *controller = run->policy->controller;
     int16_t *state = realloc(run->state, (size_t)(controller->num_state + 1) * sizeof *state);
     if (state == NULL) {
-        c->results[episode].failed = 1;
-        return false;
+        return false; /* the episode stays undone */
     }
     run->state = state;
     bn_reset(controller, run->state);
@@ -283,7 +282,7 @@ static bool account(const struct run_context *c, struct run *run)
     result->steps = run->steps;
     result->terminated = terminated;
     result->stalled = stalled;
-    result->failed = run->walker.overflow;
+    result->failed = run->walker.overflow ? EPISODE_OVERFLOW : EPISODE_DONE;
     return true;
 }
 
@@ -340,7 +339,7 @@ bool simulator_run(const struct policy *policies, const struct pcg64 *grounds, i
 {
     struct run_context c = {policies, grounds, hardcore != 0, episodes, count, 0, shaping, results, lanes, stop};
     for (int64_t i = 0; i < count; ++i) {
-        results[i].failed = 1; /* until it is done */
+        results[i].failed = EPISODE_UNDONE;
     }
     share(run_piece, &c, threads, threads);
     return *stop == 0;

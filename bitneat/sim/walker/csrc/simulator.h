@@ -34,6 +34,9 @@ struct episode {
     int32_t policy, ground; /* indices */
 };
 
+/* An episode is undone if memory ran out or it was stopped, and overflowed if a body touched more shapes than there is room for. */
+enum { EPISODE_DONE, EPISODE_UNDONE, EPISODE_OVERFLOW };
+
 struct result {
     double reward, shaped;
     int32_t steps;
