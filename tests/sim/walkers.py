@@ -127,7 +127,7 @@ def _compare(records: Sequence[Record], walkers: NativeWalkers) -> Iterable[Diff
     alive = []
     first = walkers.reset(range(len(records)), [(r.episode.seed, r.episode.hardcore) for r in records])
     for i, r in enumerate(records):
-        fields = _differing(first[i], r.observations[0])
+        fields = differing(first[i], r.observations[0])
         if fields:
             yield Difference(r.episode, 0, fields)
         else:
@@ -141,7 +141,7 @@ def _compare(records: Sequence[Record], walkers: NativeWalkers) -> Iterable[Diff
         parted = set()
         for row, i in enumerate(alive):
             r = records[i]
-            fields = _differing(answer.observations[row], r.observations[step + 1])
+            fields = differing(answer.observations[row], r.observations[step + 1])
             reward = answer.rewards[row]
             if reward.tobytes() != r.rewards[step].tobytes():
                 fields += (f"reward: native {_bits(reward)}, Gymnasium {_bits(r.rewards[step])}",)
@@ -155,7 +155,8 @@ def _compare(records: Sequence[Record], walkers: NativeWalkers) -> Iterable[Diff
         step += 1
 
 
-def _differing(got: Floats, wanted: Floats) -> tuple[str, ...]:
+def differing(got: Floats, wanted: Floats) -> tuple[str, ...]:
+    """The components of two observations whose bits differ, in words."""
     if got.tobytes() == wanted.tobytes():
         return ()
     where = np.flatnonzero(got.view(np.uint32) != wanted.view(np.uint32))
@@ -188,16 +189,16 @@ class NativeWalkers:
         memory = np.zeros(size + 64, np.uint8)
         offset = -memory.ctypes.data % 64
         self._memory = memory[offset : offset + size]
-        self._environments = native.ffi().from_buffer(self._memory)
+        self.environments = native.ffi().from_buffer(self._memory)
 
     def reset(self, which: Sequence[int], seeds: Sequence[tuple[int, bool]]) -> Floats:
         """Put each of the walkers ``which`` on the ground of its seed (in hardcore mode, or not)."""
         for index, (seed, hardcore) in zip(which, seeds, strict=True):
             state = native.random_state(np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed))))
-            self._library.simulator_seed(self._environments, index, state, int(hardcore))
+            self._library.simulator_seed(self.environments, index, state, int(hardcore))
         observations = np.empty((len(seeds), 24), np.float32)
         self._library.simulator_reset(
-            self._environments,
+            self.environments,
             _pointer("int32_t", np.array(which, np.int32)),
             len(seeds),
             _pointer("float", observations),
@@ -211,7 +212,7 @@ class NativeWalkers:
         count = len(which)
         result = Step(np.empty((count, 24), np.float32), np.empty(count), np.empty(count, np.uint8))
         done = self._library.simulator_step(
-            self._environments,
+            self.environments,
             _pointer("int32_t", np.array(which, np.int32)),
             count,
             _pointer("float", np.ascontiguousarray(actions, np.float32)),
