@@ -5,17 +5,17 @@ from __future__ import annotations
 
 import argparse
 import ast
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
-    from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import Config
+    from bitneat.evolve.evaluation import Evaluator
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
@@ -51,18 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
     )
     parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    parser.add_argument(
-        "--workers",
-        metavar="N",
-        type=whole_number(1),
-        help="processes, or threads of the native simulator (default: one a core)",
-    )
-    parser.add_argument(
-        "--simulator",
-        choices=("auto", "native", "gymnasium"),
-        default="auto",
-        help="auto (the default) runs BipedalWalker natively in C, all else in Gymnasium; the results are the same",
-    )
+    add_simulator(parser)
     parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
     parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
@@ -122,17 +111,15 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
-    from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
     from bitneat.evolve.progress import progress_for
-    from bitneat.evolve.recheck import Recheck, SimulatorsDifferError
+    from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
     from bitneat.sim.environment import inspect
 
     info = inspect(settings.environment)
     max_steps = episode_limit(settings.config, settings.environment, info)
-    simulator = _simulator(settings.environment, args.simulator)
-    workers = args.workers or _cores()
+    simulator = choose_simulator(settings.environment, args.simulator)
     if args.resume is None:
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
@@ -141,13 +128,8 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     progress = progress_for()
     evaluator: Evaluator | None = None
-    recheck = None
     try:
-        if simulator == "native":
-            evaluator = NativeWalkerEvaluator(settings.environment, max_steps, workers)
-            recheck = Recheck(settings.environment, info.action, max_steps)
-        else:
-            evaluator = GymnasiumEvaluator(settings.environment, info.action, max_steps, workers, simulator)
+        evaluator, recheck = evaluator_for(simulator, args.workers, settings.environment, info, max_steps)
         return carry_on(folder, settings, info, evaluator, progress, check=recheck)
     except KeyboardInterrupt:
         progress.close()
@@ -164,23 +146,6 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         if evaluator is not None:
             evaluator.close()
         progress.close()
-
-
-def _simulator(spec: EnvironmentSpec, wanted: str) -> str:
-    """What runs the episodes: "native", or as `GymnasiumEvaluator` takes it."""
-    from bitneat.sim import bipedal
-    from bitneat.sim.walker.original import obstacle
-
-    if wanted == "gymnasium":
-        return wanted
-    reason = obstacle(spec)
-    if reason is None:
-        return "native"
-    if wanted == "native":
-        raise BitneatError(f"--simulator native: {reason}")
-    if bipedal.is_walker(spec):
-        print(f"bitneat: the native simulator, which is much faster, cannot be used: {reason}", file=sys.stderr)
-    return "auto"
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
@@ -253,10 +218,6 @@ def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
             raise BitneatError(f"--env-arg {key}: {reason}; expected numbers, text, lists or dictionaries") from None
         arguments[key] = value
     return arguments
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _print_summary(folder: RunFolder, outcome: Outcome) -> None:

@@ -36,6 +36,7 @@ _BROKEN_PIPE = 128 + signal.SIGPIPE
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
+    "polish": ("bitneat.cli.polish", "make a champion better, or smaller at the same reward, by small changes"),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
     "size": ("bitneat.cli.size", "say what a champion takes: links, packed bytes, flash, RAM and stack"),

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat polish``: make a champion better, or smaller, by small changes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
+from bitneat.errors import BitneatError
+
+if TYPE_CHECKING:
+    from bitneat.champion import Champion
+    from bitneat.evolve.polish import Polish, Row
+    from bitneat.evolve.polish_run import PolishFolder, PolishSettings
+    from bitneat.evolve.search import Score
+
+HELP = "make a champion better, or smaller at the same reward, by small changes"
+EXAMPLE = """\
+  bitneat polish champion.pkl -o better                    look for the highest reward
+  bitneat polish better/champion.pkl --for size --floor 300 -o tiny
+  bitneat polish --resume tiny --generations 500"""
+
+DEFAULT_GENERATIONS = 200
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``polish``; those that a resumed run must not change default to None."""
+    parser.add_argument("champions", metavar="CHAMPION", type=Path, nargs="*", help="champion files to start from")
+    parser.add_argument("--for", choices=("reward", "size"), dest="objective", help="what to look for (default reward)")
+    parser.add_argument(
+        "--floor", metavar="R", type=float, help="mean reward that --for size keeps (default 300); progress tells of it"
+    )
+    parser.add_argument(
+        "--generations",
+        metavar="N",
+        type=whole_number(1),
+        help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
+    )
+    parser.add_argument(
+        "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
+    )
+    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    parser.add_argument(
+        "--import",
+        metavar="MODULE",
+        action="append",
+        dest="imports",
+        help="import MODULE, which registers the environment",
+    )
+    add_simulator(parser)
+    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/polish-SEED)")
+    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Polish, and leave the champion in the run folder."""
+    from bitneat.evolve.polish import Polish
+    from bitneat.evolve.polish_run import PolishFolder
+    from bitneat.sim.environment import allow_imports
+
+    if args.time is not None and not 0 < args.time < float("inf"):
+        raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
+    if args.floor is not None and not abs(args.floor) < float("inf"):
+        raise BitneatError(f"--floor {args.floor}: expected a finite reward")
+    allow_imports(args.imports or ())
+    history: list[Row] = []
+    if args.resume is None:
+        settings = _new_settings(args)
+        folder = PolishFolder(args.output or Path("runs") / f"polish-{settings.seed}")
+        polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
+    else:
+        folder = PolishFolder(args.resume)
+        settings, polish, history = _resumed(args, folder)
+    champion, score, finished = _polish(args, folder, settings, polish, history)
+    summary = _summary(folder, champion, score, finished)
+    controller = summary["controller"]
+    print(
+        f"champion: {score.mean:.1f} ± {score.std:.1f} over {score.episodes} held-out episodes"
+        f" (min {score.min:.1f}, max {score.max:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
+        f" {controller['packed_bytes']} bytes packed"
+    )
+    print(f"written: {summary['champion']}")
+    if args.json is not None:
+        from bitneat.files import write_json
+
+        write_json(args.json, summary)
+    return 0
+
+
+def _polish(
+    args: argparse.Namespace, folder: PolishFolder, settings: PolishSettings, polish: Polish, history: list[Row]
+) -> tuple[Champion, Score, bool]:
+    from bitneat.evolve.polish_run import carry_on
+    from bitneat.sim.environment import inspect
+
+    spec = settings.environment
+    info = inspect(spec)
+    sizes = {(len(c.inputs), len(c.outputs)) for c in settings.start}
+    if sizes != {(info.num_inputs, info.action.num_outputs)}:
+        raise BitneatError(f"{spec.id}: the champions do not fit it, or one another")
+    simulator = choose_simulator(spec, args.simulator)
+    if args.resume is None:
+        folder.create()
+    if settings.seconds is not None:
+        print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
+    evaluator = None
+    try:
+        evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)
+        return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck)
+    except KeyboardInterrupt:
+        if polish.generation:
+            print(f"bitneat: stopped; continue with: bitneat polish --resume {folder.path}", file=sys.stderr)
+        raise
+    finally:
+        if evaluator is not None:
+            evaluator.close()
+
+
+def _tell(row: Row) -> None:
+    smallest = "-" if row.smallest is None else f"{row.smallest} bytes at {row.smallest_mean:.1f}"
+    print(
+        f"generation {row.generation} best {row.best:.1f} in {row.best_bytes} bytes, smallest above the floor {smallest},"
+        f" archive {row.archive}, episodes {row.episodes}, steps {row.steps}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _summary(folder: PolishFolder, champion: Champion, score: Score, finished: bool) -> dict[str, Any]:
+    from bitneat.controller.packing import pack
+
+    controller = champion.controller
+    return {
+        "run": str(folder.path),
+        "champion": str(folder.champion_pickle),
+        "finished": finished,
+        "controller": {
+            "sha256": controller.sha256,
+            "ternary": controller.is_ternary,
+            "nodes": len(controller.nodes),
+            "links": controller.num_links,
+            "packed_bytes": len(pack(controller)),
+        },
+        "held_out": score.to_data(),
+    }
+
+
+def _new_settings(args: argparse.Namespace) -> PolishSettings:
+    from bitneat.champion import load
+    from bitneat.evolve.polish_run import PolishSettings
+    from bitneat.sim.environment import inspect
+    from bitneat.sim.walker.trigonometry import probe_for
+
+    if not args.champions:
+        raise BitneatError("polish: expected a CHAMPION to start from, or --resume RUN")
+    champions = [load(path) for path in args.champions]
+    first = champions[0]
+    if first.environment is None:
+        raise BitneatError(f"{args.champions[0]}: names no environment to polish in")
+    for path, champion in zip(args.champions, champions, strict=True):
+        if (champion.environment, champion.action) != (first.environment, first.action):
+            raise BitneatError(f"{path}: is for another environment than {args.champions[0]}")
+    limits = [
+        int(limit)
+        for limit in (first.provenance.get("max_steps"), inspect(first.environment).max_steps)
+        if isinstance(limit, int) and limit > 0
+    ]
+    if not limits:
+        raise BitneatError(f"environment {first.environment.id}: has no time limit, and {args.champions[0]} names none")
+    return PolishSettings(
+        first.environment,
+        first.action,
+        tuple(champion.controller for champion in champions),
+        args.objective or "reward",
+        300.0 if args.floor is None else args.floor,
+        args.generations or DEFAULT_GENERATIONS,
+        args.seed or 0,
+        min(limits),
+        args.time,
+        probe_for(first.environment),
+    )
+
+
+def _resumed(args: argparse.Namespace, folder: PolishFolder) -> tuple[PolishSettings, Polish, list[Row]]:
+    from dataclasses import replace
+
+    from bitneat.sim.walker.trigonometry import refuse_other
+
+    given = {"CHAMPION": args.champions or None, "--for": args.objective, "--floor": args.floor, "--seed": args.seed,
+             "-o": args.output}  # fmt: skip
+    for option, value in given.items():
+        if value is not None:
+            raise BitneatError(f"{option}: not with --resume, which takes it from the run")
+    settings, polish, history = folder.load()
+    refuse_other(settings.trigonometry, str(folder.path / "polish.json"))
+    if args.generations is not None:
+        if args.generations < polish.generation:
+            raise BitneatError(
+                f"--resume {args.resume}: has completed {polish.generation} generations, more than the"
+                f" {args.generations} asked for"
+            )
+        settings = replace(settings, generations=args.generations)
+    return replace(settings, seconds=settings.seconds if args.time is None else args.time), polish, history

@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT
+"""Polishing: a search by small changes from controllers that work, for more reward, or for fewer bytes at the same reward.
+
+An archive keeps, for every packed size, the few best controllers found so far. A generation varies those worth varying and lets
+the children race: all run a few episodes, and whoever falls behind the best controller of its size or smaller is dropped, so that
+most of the episodes go to the few that may be better. Episodes are new in every generation; what is in the archive is evaluated
+on and on, so that a lucky one loses its place.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from bitneat.controller import Controller
+from bitneat.controller.packing import pack
+from bitneat.errors import BitneatError
+from bitneat.evolve.evaluation import Evaluator
+from bitneat.evolve.randomness import SELECTION_START
+from bitneat.evolve.variation import vary
+
+OBJECTIVES = ("reward", "size")
+
+_CHILDREN = 160
+_RACE = ((3, 32, 60.0), (6, 12, 12.0), (14, 6, 4.0), (40, 4, 1.0))
+"""More episodes, how many go on at most, and how far behind they may be."""
+_PARENTS = 10
+_PER_SIZE = 4
+_PARENT_EPISODES = 6
+_MOST_EPISODES = 600
+_FIRST_EPISODES = 32
+_NEAR = 25.0
+"""Controllers this far below the floor may still have children that are above it."""
+_MEAN_CHANGES = (1.0, 1.5, 2.5)
+
+
+@dataclass
+class Entry:
+    """A controller with what its episodes came to."""
+
+    controller: Controller
+    episodes: int = 0
+    total: float = 0.0
+    squares: float = 0.0
+    worst: float = math.inf
+    size: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.size = len(pack(self.controller))
+
+    def add(self, rewards: Sequence[float]) -> None:
+        """Take note of more episodes."""
+        for reward in rewards:
+            self.episodes += 1
+            self.total += reward
+            self.squares += reward * reward
+            self.worst = min(self.worst, reward)
+
+    @property
+    def mean(self) -> float:
+        """Mean official reward."""
+        return self.total / self.episodes
+
+    @property
+    def bound(self) -> float:
+        """The mean less one standard error."""
+        variance = max(self.squares / self.episodes - self.mean**2, 0.0)
+        return self.mean - math.sqrt(variance / self.episodes)
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "controller": self.controller.to_data(),
+            "episodes": self.episodes,
+            "total": self.total,
+            "squares": self.squares,
+            "worst": self.worst,
+        }
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Entry:
+        """Read what `to_data` wrote.
+
+        Raises:
+            BitneatError: if a number cannot be.
+        """
+        entry = cls(Controller.from_data(data["controller"]))
+        entry.episodes, entry.total, entry.squares, entry.worst = (
+            data[key] for key in ("episodes", "total", "squares", "worst")
+        )
+        if type(entry.episodes) is not int or entry.episodes < 1:
+            raise BitneatError("archive: expected a number of episodes above 0")
+        if not all(type(v) in (int, float) and math.isfinite(v) for v in (entry.total, entry.squares, entry.worst)):
+            raise BitneatError("archive: expected finite rewards")
+        return entry
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a generation came to; a row of history.csv."""
+
+    generation: int
+    best: float
+    best_bytes: int
+    smallest: int | None
+    """Fewest packed bytes at or above the floor."""
+    smallest_mean: float | None
+    archive: int
+    episodes: int
+    steps: int
+
+
+class Polish:
+    """The state of a polishing run.
+
+    Args:
+        controllers: where to start; at least one.
+        objective: "reward" looks for the highest mean, "size" for the fewest packed bytes whose mean is at least ``floor``.
+        floor: what "size" must not fall below.
+        seed: of all randomness.
+    """
+
+    def __init__(self, controllers: Sequence[Controller], objective: str, floor: float, seed: int) -> None:
+        self.objective = objective
+        self.floor = floor
+        self.generation = 0
+        self.archive = [Entry(controller.canonical) for controller in controllers]
+        self._random = random.Random(f"bitneat polish {seed}")
+        self._fresh = True
+
+    def advance(self, evaluator: Evaluator) -> Row:
+        """Run one generation."""
+        counter = _Counter(evaluator)
+        if self._fresh:
+            self._evaluate(self.archive, _FIRST_EPISODES, counter)
+            self._fresh = False
+        parents = self._parents()
+        self._race(self._children(parents), counter)
+        self._evaluate([p for p in parents if p.episodes < _MOST_EPISODES], _PARENT_EPISODES, counter)
+        self._tidy()
+        self.generation += 1
+        return self._row(counter)
+
+    def ranking(self) -> list[Entry]:
+        """The archive, what the objective asks for first."""
+        if self.objective == "reward":
+            return sorted(self.archive, key=lambda e: -e.bound)
+        return sorted(
+            self.archive, key=lambda e: (e.bound < self.floor, e.size if e.bound >= self.floor else 0, -e.bound)
+        )
+
+    def front(self) -> list[Entry]:
+        """The controllers that no smaller one equals, the smallest first."""
+        best, front = -math.inf, []
+        for entry in sorted(self.archive, key=lambda e: (e.size, -e.bound)):
+            if entry.bound > best:
+                front.append(entry)
+                best = entry.bound
+        return front
+
+    def _parents(self) -> list[Entry]:
+        if self.objective == "reward":
+            return self.ranking()[:_PARENTS]
+        near = [e for e in self.archive if e.bound >= self.floor - _NEAR] or self.ranking()[:_PER_SIZE]
+        # A reward above the floor is worth a little, since the next byte will cost some of it.
+        return sorted(near, key=lambda e: e.size - 0.15 * min(e.bound - self.floor, 10.0))[:_PARENTS]
+
+    def _children(self, parents: list[Entry]) -> list[Entry]:
+        known = {entry.controller.sha256 for entry in self.archive}
+        largest = max(parent.size for parent in parents) + 3
+        children: list[Entry] = []
+        for _ in range(20 * _CHILDREN):
+            if len(children) == _CHILDREN:
+                break
+            parent = parents[min(self._random.randrange(len(parents)), self._random.randrange(len(parents)))]
+            controller = vary(parent.controller, self._random, self._random.choice(_MEAN_CHANGES))
+            if controller.sha256 in known:
+                continue
+            known.add(controller.sha256)
+            child = Entry(controller)
+            if self.objective == "reward" or child.size <= largest:
+                children.append(child)
+        return children
+
+    def _race(self, children: list[Entry], counter: _Counter) -> None:
+        wanted = {child.size: self._to_beat(child.size) for child in children}
+        for episodes, most, behind in _RACE:
+            if not children:
+                return
+            self._evaluate(children, episodes, counter)
+            children.sort(key=lambda e: wanted[e.size] - e.mean)
+            children = [e for e in children[:most] if wanted[e.size] - e.mean < behind]
+        self.archive += children
+
+    def _to_beat(self, size: int) -> float:
+        """The best reward of the archive in no more bytes; what exceeds the floor is not asked for by "size"."""
+        best = max((entry.bound for entry in self.archive if entry.size <= size), default=-math.inf)
+        return min(best, self.floor + 5.0) if self.objective == "size" else best
+
+    def _tidy(self) -> None:
+        by_size: dict[int, list[Entry]] = {}
+        for entry in self.archive:
+            by_size.setdefault(entry.size, []).append(entry)
+        best, kept = -math.inf, []
+        for size in sorted(by_size):
+            entries = sorted(by_size[size], key=lambda e: -e.bound)[:_PER_SIZE]
+            kept += [e for e in entries if e.bound > best - 6.0]
+            best = max(best, entries[0].bound)
+        self.archive = kept
+
+    def _evaluate(self, entries: list[Entry], episodes: int, counter: _Counter) -> None:
+        if entries:
+            seeds = self._random.sample(range(SELECTION_START), episodes)
+            for entry, rewards in zip(entries, counter.rewards([e.controller for e in entries], seeds), strict=True):
+                entry.add(rewards)
+
+    def _row(self, counter: _Counter) -> Row:
+        best = max(self.archive, key=lambda e: e.bound)
+        above = [e for e in self.archive if e.bound >= self.floor]
+        smallest = min(above, key=lambda e: (e.size, -e.bound)) if above else None
+        return Row(
+            self.generation,
+            best.mean,
+            best.size,
+            smallest.size if smallest else None,
+            smallest.mean if smallest else None,
+            len(self.archive),
+            counter.episodes,
+            counter.steps,
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """Everything a checkpoint needs, as plain data."""
+        version, numbers, gauss = self._random.getstate()
+        return {
+            "generation": self.generation,
+            "fresh": self._fresh,
+            "random": [version, list(numbers), gauss],
+            "archive": [entry.to_data() for entry in self.archive],
+        }
+
+    def restore(self, data: Mapping[str, Any]) -> None:
+        """Continue where `to_data` was taken.
+
+        Raises:
+            BitneatError: if a number is out of its range. Whatever else is wrong raises whatever it may.
+        """
+        version, numbers, gauss = data["random"]
+        self._random.setstate((version, tuple(numbers), gauss))
+        self.generation = int(data["generation"])
+        self._fresh = bool(data["fresh"])
+        self.archive = [Entry.from_data(entry) for entry in data["archive"]]
+        if not self.archive:
+            raise BitneatError("archive: expected at least one controller")
+
+
+class _Counter:
+    """Runs episodes and counts them."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+        self.episodes = self.steps = 0
+
+    def rewards(self, controllers: Sequence[Controller], seeds: Sequence[int]) -> list[list[float]]:
+        results = self._evaluator.evaluate(controllers, seeds)
+        self.episodes += sum(map(len, results))
+        self.steps += sum(episode.steps for row in results for episode in row)
+        return [[episode.reward for episode in row] for row in results]

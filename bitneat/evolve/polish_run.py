@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: MIT
+"""A polishing run on disk: one checkpoint, the champion, a history, and the front of reward against size.
+
+As in `bitneat.evolve.run`, every file is written whole or not at all, and the result depends on what was asked for alone,
+however often the run was stopped.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from bitneat.champion import Champion, EnvironmentSpec, environment_from_data, save_json, save_pickle
+from bitneat.controller import Action, Controller, action_from_data
+from bitneat.errors import BitneatError
+from bitneat.evolve.evaluation import Evaluator
+from bitneat.evolve.polish import OBJECTIVES, Entry, Polish, Row
+from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
+from bitneat.evolve.search import Candidate, Score
+from bitneat.files import read_capped, write_atomic
+from bitneat.version import __version__
+
+FORMAT = "bitneat-polish"
+VERSION = 1
+REPORT_EPISODES = 100
+SELECTION_EPISODES = 200
+FINALISTS = 6
+
+_STATE = "polish.json"
+_MAX_STATE_BYTES = 1 << 28
+
+
+@dataclass(frozen=True)
+class PolishSettings:
+    """What was asked for."""
+
+    environment: EnvironmentSpec
+    action: Action
+    start: tuple[Controller, ...]
+    objective: str
+    floor: float
+    generations: int
+    seed: int
+    max_steps: int
+    seconds: float | None = None
+    trigonometry: str | None = None
+    """As in `bitneat.evolve.run.RunSettings`."""
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "environment": self.environment.to_data(),
+            "action": self.action.to_data(),
+            "start": [controller.to_data() for controller in self.start],
+            "objective": self.objective,
+            "floor": self.floor,
+            "generations": self.generations,
+            "seed": self.seed,
+            "max_steps": self.max_steps,
+            "seconds": self.seconds,
+            "trigonometry": self.trigonometry,
+        }
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> PolishSettings:
+        """Read what `to_data` wrote.
+
+        Raises:
+            BitneatError: if a value cannot be. Whatever else is wrong raises whatever it may.
+        """
+        settings = cls(
+            environment_from_data(data["environment"]),
+            action_from_data(data["action"]),
+            tuple(Controller.from_data(controller) for controller in data["start"]),
+            data["objective"],
+            data["floor"],
+            data["generations"],
+            data["seed"],
+            data["max_steps"],
+            data["seconds"],
+            data["trigonometry"],
+        )
+        numbers = (settings.generations, settings.seed, settings.max_steps)
+        if any(type(number) is not int or number < 0 for number in numbers) or not settings.start:
+            raise BitneatError("settings: expected whole numbers and a controller to start from")
+        if (
+            settings.objective not in OBJECTIVES
+            or type(settings.floor) is not float
+            or not math.isfinite(settings.floor)
+        ):
+            raise BitneatError(f"settings: expected an objective of {', '.join(OBJECTIVES)} and a finite floor")
+        return settings
+
+
+class PolishFolder:
+    """The files of a polishing run."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @property
+    def champion_pickle(self) -> Path:
+        """``champion.pkl``."""
+        return self.path / "champion.pkl"
+
+    def create(self) -> None:
+        """Make the folder.
+
+        Raises:
+            BitneatError: if there is a run already, or the folder cannot be made.
+        """
+        for name in (_STATE, "run.json"):
+            if (self.path / name).exists():
+                raise BitneatError(f"{self.path}: holds a run already; continue it with --resume, or give another -o")
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BitneatError(f"{self.path}: cannot be made: {error.strerror or error}") from None
+
+    def save(self, settings: PolishSettings, polish: Polish, history: Sequence[Row]) -> None:
+        """Write the checkpoint, and what people read."""
+        state = {
+            "format": FORMAT,
+            "version": VERSION,
+            "settings": settings.to_data(),
+            "search": polish.to_data(),
+            "history": [list(vars(row).values()) for row in history],
+        }
+        write_atomic(self.path / _STATE, json.dumps(state, separators=(",", ":"), allow_nan=False).encode())
+        write_atomic(
+            self.path / "history.csv", _csv([f.name for f in fields(Row)], (vars(r).values() for r in history))
+        )
+        front = (
+            (e.size, e.controller.num_links, len(e.controller.nodes), e.mean, e.worst, e.episodes, e.controller.sha256)
+            for e in polish.front()
+        )
+        columns = ["packed_bytes", "links", "nodes", "mean", "worst", "episodes", "sha256"]
+        write_atomic(self.path / "front.csv", _csv(columns, front))
+
+    def load(self) -> tuple[PolishSettings, Polish, list[Row]]:
+        """What was asked for, and where it stands.
+
+        Raises:
+            BitneatError: if the folder holds no polishing run, or a damaged one.
+        """
+        path = self.path / _STATE
+        if not path.exists():
+            raise BitneatError(f"--resume {self.path}: holds no polishing run: {_STATE} is missing")
+        try:
+            data = json.loads(read_capped(path, _MAX_STATE_BYTES))
+            if data["format"] != FORMAT or data["version"] != VERSION:
+                raise BitneatError(f"expected {FORMAT} version {VERSION}")
+            settings = PolishSettings.from_data(data["settings"])
+            polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
+            polish.restore(data["search"])
+            history = [Row(*values) for values in data["history"]]
+        except Exception as error:  # the file may be anyone's
+            text = str(error) if isinstance(error, BitneatError) else type(error).__name__
+            raise BitneatError(f"{path}: damaged: {' '.join(text.split())[:200]}") from None
+        return settings, polish, history
+
+    def save_champion(self, champion: Champion) -> None:
+        """Write ``champion.pkl`` and ``champion.json``."""
+        save_json(champion, self.path / "champion.json")
+        save_pickle(champion, self.champion_pickle)
+
+
+def carry_on(
+    folder: PolishFolder,
+    settings: PolishSettings,
+    polish: Polish,
+    history: list[Row],
+    evaluator: Evaluator,
+    *,
+    tell: Callable[[Row], None],
+    check: Callable[[Candidate], None] | None = None,
+) -> tuple[Champion, Score, bool]:
+    """Take a run to its end; returns champion, its score on the report seeds, and whether all generations were run.
+
+    ``check`` is called with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
+    """
+    began = time.monotonic()
+    out_of_time = False
+    while polish.generation < settings.generations and not out_of_time:
+        row = polish.advance(evaluator)
+        history.append(row)
+        folder.save(settings, polish, history)
+        tell(row)
+        out_of_time = settings.seconds is not None and time.monotonic() - began > settings.seconds
+    entry, rewards = _choose(polish, evaluator)
+    if check is not None:
+        check(Candidate(entry.controller, polish.generation, tuple(rewards)))
+    score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
+    selection = Score(len(rewards), *_statistics(rewards))
+    provenance = {
+        "tool": f"bitneat {__version__}",
+        "polish": {key: value for key, value in settings.to_data().items() if key not in ("environment", "action")},
+        "generations": polish.generation,
+        "selection": {**selection.to_data(), "first_seed": SELECTION_START},
+        "held_out": {**score.to_data(), "first_seed": REPORT_START},
+        "reproducible": settings.seconds is None,
+        "max_steps": settings.max_steps,
+    }
+    champion = Champion(entry.controller, settings.action, settings.environment, provenance)
+    folder.save_champion(champion)
+    return champion, score, polish.generation >= settings.generations
+
+
+def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[float]]:
+    """The best of the ranking's first on the selection seeds; for size, the smallest that is surely above the floor."""
+    finalists = polish.ranking()[:FINALISTS]
+    results = evaluator.evaluate([e.controller for e in finalists], selection_seeds(SELECTION_EPISODES))
+    rewards = [[episode.reward for episode in row] for row in results]
+
+    def rank(index: int) -> tuple[bool, float, float]:
+        mean, std, *_ = _statistics(rewards[index])
+        above = mean - 2 * std / math.sqrt(len(rewards[index])) >= polish.floor
+        if polish.objective == "size":
+            return not above, finalists[index].size if above else 0, -mean
+        return False, -mean, finalists[index].size
+
+    best = min(range(len(finalists)), key=rank)
+    return finalists[best], rewards[best]
+
+
+def _statistics(values: Sequence[float]) -> tuple[float, float, float, float]:
+    mean = sum(values) / len(values)
+    std = math.sqrt(max(sum((value - mean) ** 2 for value in values) / len(values), 0.0))
+    return mean, std, min(values), max(values)
+
+
+def _csv(columns: Sequence[str], rows: Any) -> bytes:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return out.getvalue().encode()

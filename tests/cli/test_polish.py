@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat polish`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bitneat import champion as champions
+from bitneat.cli.main import main
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "walker" / "champion.json"
+
+
+def test_a_champion_gets_smaller_and_the_result_does_not_depend_on_workers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["polish", str(EXAMPLE), "--for", "size", "--floor", "150", "--generations", "1"]
+    for workers in (1, 2):
+        out = str(tmp_path / f"{workers}")
+        assert main([*common, "--workers", str(workers), "-o", out, "--json", str(tmp_path / f"{workers}.json")]) == 0
+    printed = capsys.readouterr()
+    assert "held-out episodes" in printed.out
+    assert "smallest above the floor" in printed.err
+    assert (tmp_path / "1/champion.pkl").read_bytes() == (tmp_path / "2/champion.pkl").read_bytes()
+    summary = json.loads((tmp_path / "1.json").read_text())
+    assert summary["controller"]["ternary"]
+    assert summary["controller"]["packed_bytes"] <= 49
+    assert summary["held_out"]["episodes"] == 100
+    champion = champions.load(tmp_path / "1/champion.pkl")
+    assert champion.controller.sha256 == summary["controller"]["sha256"]
+    assert champion.provenance["polish"]["objective"] == "size"
+    assert main(["polish", "--resume", str(tmp_path / "1"), "--generations", "1"]) == 0
+    assert (tmp_path / "1/champion.pkl").read_bytes() == (tmp_path / "2/champion.pkl").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "expected a CHAMPION to start from"),
+        (["nowhere.pkl"], "nowhere.pkl: cannot read"),
+        ([str(EXAMPLE), "--floor", "nan"], "--floor nan: expected a finite reward"),
+        ([str(EXAMPLE), "--time", "0"], "--time 0.0: expected a number of seconds above 0"),
+        (["--resume", "nowhere"], "nowhere: holds no polishing run"),
+        (["--resume", "nowhere", "--seed", "1"], "--seed: not with --resume"),
+    ],
+)
+def test_bad_input_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["polish", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())

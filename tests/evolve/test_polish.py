@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: MIT
+"""The polishing search, on a landscape whose optimum is known, and its folder."""
+
+import json
+import random
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from bitneat.champion import EnvironmentSpec
+from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
+from bitneat.controller.packing import pack
+from bitneat.errors import BitneatError
+from bitneat.evolve.polish import Polish
+from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
+from bitneat.sim.environment import EpisodeResult, Shaping
+
+NUM_INPUTS = 6
+START = Controller(
+    (Input(),) * NUM_INPUTS,
+    tuple(
+        Node(tuple(Link(i, 0, 0, 1 if (i + o) % 3 else -1) for i in range(NUM_INPUTS)), 0, 0, "clamped") for o in (0, 1)
+    ),
+    (Signal(NUM_INPUTS), Signal(NUM_INPUTS + 1)),
+    8,
+).canonical
+
+
+class Landscape:
+    """A reward that only three links are good for, with noise that depends on the seed and the controller alone."""
+
+    WANTED = (frozenset({(0, 1), (3, -1)}), frozenset({(5, 1)}))
+
+    def evaluate(
+        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+    ) -> list[list[EpisodeResult]]:
+        assert shaping is None, "polishing looks at official rewards"
+        assert all(seed >= 0 for seed in seeds)
+        return [
+            [EpisodeResult(r, r, 10, True, False) for r in (self.reward(c) + noise(c, seed) for seed in seeds)]
+            for c in controllers
+        ]
+
+    def reward(self, controller: Controller) -> float:
+        total = 0.0
+        for output, wanted in zip(controller.outputs, self.WANTED, strict=True):
+            if isinstance(output, Signal) and output.index >= NUM_INPUTS:
+                links = controller.nodes[output.index - NUM_INPUTS].links
+                found = {(link.source, link.sign) for link in links}
+                total += 30.0 * len(found & wanted) - 2.0 * len(found - wanted)
+        return total
+
+    def close(self) -> None:
+        pass
+
+
+def noise(controller: Controller, seed: int) -> float:
+    return random.Random(f"{controller.sha256} {seed}").gauss(0.0, 3.0)
+
+
+def settings(objective: str, generations: int) -> PolishSettings:
+    return PolishSettings(
+        EnvironmentSpec("Landscape-v0"),
+        BoxAction((-1.0, -1.0), (1.0, 1.0), (2,), "float32"),
+        (START,),
+        objective,
+        60.0,
+        generations,
+        seed=4,
+        max_steps=10,
+    )
+
+
+def test_reward_finds_the_wanted_links() -> None:
+    polish = Polish([START], "reward", 0.0, seed=1)
+    rows = [polish.advance(Landscape()) for _ in range(12)]
+    best = polish.ranking()[0]
+    assert Landscape().reward(best.controller) >= 84.0  # one node for both outputs is nearly as good
+    assert rows[-1].best > rows[0].best
+    assert all(entry.episodes >= 3 for entry in polish.archive)
+
+
+def test_size_shrinks_and_keeps_the_floor() -> None:
+    polish = Polish([START], "size", 60.0, seed=1)
+    for _ in range(12):
+        polish.advance(Landscape())
+    best = polish.ranking()[0]
+    assert best.size < len(pack(START))
+    assert Landscape().reward(best.controller) >= 58.0
+    sizes = [entry.size for entry in polish.front()]
+    assert sizes == sorted(set(sizes))
+    assert best.size == len(pack(best.controller))
+
+
+def test_a_lucky_start_loses_its_place() -> None:
+    polish = Polish([START], "reward", 0.0, seed=1)
+    polish.advance(Landscape())
+    luck = polish.archive[0]
+    luck.total, luck.squares, luck.episodes = 400.0, 160000.0, 1
+    for _ in range(25):
+        polish.advance(Landscape())
+    assert polish.ranking()[0].mean < 110.0
+
+
+@pytest.mark.parametrize("objective", ["reward", "size"])
+def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path, objective: str) -> None:
+    ends = []
+    for stop_after in (5, 2):
+        folder = PolishFolder(tmp_path / f"{stop_after}")
+        folder.create()
+        asked = settings(objective, stop_after)
+        polish = Polish(asked.start, asked.objective, asked.floor, asked.seed)
+        carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None)
+        if stop_after < 5:
+            _, polish, history = folder.load()
+            asked = settings(objective, 5)
+            assert len(history) == stop_after
+            carry_on(folder, asked, polish, history, Landscape(), tell=lambda row: None)
+        ends.append({path.name: path.read_bytes() for path in folder.path.iterdir()})
+    assert ends[0] == ends[1]
+
+
+def test_settings_survive_the_file(tmp_path: Path) -> None:
+    folder = PolishFolder(tmp_path / "run")
+    folder.create()
+    asked = settings("size", 1)
+    polish = Polish(asked.start, asked.objective, asked.floor, asked.seed)
+    folder.save(asked, polish_after_a_generation(polish), [])
+    loaded, *_ = folder.load()
+    assert asdict(loaded) == asdict(asked)
+
+
+def polish_after_a_generation(polish: Polish) -> Polish:
+    polish.advance(Landscape())
+    return polish
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("format",), "bitneat-run"),
+        (("version",), 2),
+        (("settings", "objective"), "speed"),
+        (("settings", "floor"), "high"),
+        (("settings", "generations"), -1),
+        (("settings", "start"), []),
+        (("search", "archive"), []),
+        (("search", "archive", 0, "episodes"), 0),
+        (("search", "archive", 0, "total"), "much"),
+        (("search", "archive", 0, "controller"), {}),
+        (("search", "random"), [3, [1, 2], None]),
+        (("history",), [[1]]),
+    ],
+)
+def test_a_damaged_file_is_one_line(tmp_path: Path, path: tuple[str | int, ...], value: object) -> None:
+    folder = PolishFolder(tmp_path / "run")
+    folder.create()
+    asked = settings("reward", 1)
+    polish = polish_after_a_generation(Polish(asked.start, asked.objective, asked.floor, asked.seed))
+    folder.save(asked, polish, [])
+    file = folder.path / "polish.json"
+    data = json.loads(file.read_text())
+    inner = data
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    file.write_text(json.dumps(data))
+    with pytest.raises(BitneatError, match=r"polish\.json: damaged: [^\n]*$"):
+        folder.load()
+
+
+def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text("{}")
+    with pytest.raises(BitneatError, match="holds a run already"):
+        PolishFolder(tmp_path).create()
+    with pytest.raises(BitneatError, match="holds no polishing run"):
+        PolishFolder(tmp_path).load()
