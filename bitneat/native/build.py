@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 import stat
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from pathlib import Path
 from bitneat.native.compiler import Compiler, CompilerError, host_compiler
 
 _HEADER_SUFFIXES = frozenset({".h", ".hpp", ".inc"})
+_INCLUDED_SOURCE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+\.c)"', re.MULTILINE)
 _UNUSED_AFTER_SECONDS = 30 * 24 * 3600
 
 
@@ -33,9 +35,10 @@ def shared_library(
 ) -> Path:
     """Compile ``sources`` into a shared library, or find it in the cache, and return its path.
 
-    The cache key covers the contents of the sources, of every header beside them and under ``include_dirs``, the flags
-    and definitions, the compiler and its version, and the processor's features where the flags ask for the native ones.
-    Any number of processes may build the same library at the same time: each writes a file of its own and renames it.
+    The cache key covers the contents of the sources, of C files that they include from beside them, of every header beside
+    them and under ``include_dirs``, the flags and definitions, the compiler and its version, and the processor's features
+    where the flags ask for the native ones. Any number of processes may build the same library at the same time: each
+    writes a file of its own and renames it.
 
     Args:
         sources: C files.
@@ -141,6 +144,10 @@ def _key(sources: Sequence[Path], include_dirs: Sequence[Path], arguments: Seque
 def _inputs(sources: Sequence[Path], include_dirs: Sequence[Path]) -> Iterator[Path]:
     """Give every file that the compiler may read, the system's own headers apart, in a fixed order."""
     yield from sources
+    for source in sources:
+        # A source that is compiled several times, with other macros, is one that others include.
+        included = (source.parent / os.fsdecode(name) for name in _INCLUDED_SOURCE.findall(_read(source)))
+        yield from (path for path in included if path.is_file())
     for folder in dict.fromkeys(source.parent for source in sources):
         yield from sorted(path for path in folder.iterdir() if _is_header(path))
     for folder in include_dirs:
