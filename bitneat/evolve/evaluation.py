@@ -18,9 +18,7 @@ from bitneat.runtime import RuntimeController
 from bitneat.sim import bipedal
 from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping, allow_imports, allowed_imports
 from bitneat.sim.walker.episodes import evaluate as evaluate_natively
-
-MAX_THREADS = 256
-"""Of the native walker."""
+from bitneat.sim.walker.library import MAX_THREADS
 
 
 class Evaluator(Protocol):

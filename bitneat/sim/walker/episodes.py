@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import threading
 from collections.abc import Sequence
 from functools import lru_cache
@@ -16,7 +17,15 @@ from bitneat.controller import BoxAction, Controller
 from bitneat.errors import BitneatError
 from bitneat.runtime import OpenBlob, pack_for_runtime
 from bitneat.sim.environment import EpisodeResult, Shaping, decode_table, used_inputs
-from bitneat.sim.walker.library import MAX_THREADS, default_threads, ffi, lane_width, library, random_state
+from bitneat.sim.walker.library import (
+    MAX_THREADS,
+    default_threads,
+    ffi,
+    lane_width,
+    library,
+    random_state,
+    whole_number,
+)
 
 NUM_INPUTS, NUM_OUTPUTS = 24, 4
 FIRST_RAY = 14
@@ -72,18 +81,14 @@ def evaluate(
 ) -> list[list[EpisodeResult]]:
     """As `run_episodes`, with the search's reward too: the episodes, by controller and then by seed."""
     width = lane_width(lanes)
-    if threads is None:
-        threads = default_threads()
-    if not 1 <= threads <= MAX_THREADS:
-        raise BitneatError(f"threads: expected 1 to {MAX_THREADS}, got {threads}")
-    if not 1 <= max_steps < 2**31:
-        raise BitneatError(f"max_steps: expected a number above 0, got {max_steps}")
-    if not controllers or not seeds:
+    threads = default_threads() if threads is None else whole_number("threads", threads, MAX_THREADS)
+    max_steps = whole_number("max_steps", max_steps)
+    if len(controllers) == 0 or len(seeds) == 0:  # either may be an array, which has no truth value
         return [[] for _ in controllers]
     policies = _Policies(controllers)
     grounds = ffi().new("struct pcg64[]", len(seeds))
     for ground, seed in zip(grounds, seeds, strict=True):
-        ffi().buffer(ffi().addressof(ground))[:] = _seed_state(int(seed))
+        ffi().buffer(ffi().addressof(ground))[:] = _seed_state(_seed(seed))
     # Neighbours share their seed, so that a lane that takes the next episode mostly finds its ground made.
     order = np.empty((len(seeds), len(controllers), 2), np.int32)
     order[:, :, 0] = np.arange(len(controllers))
@@ -120,11 +125,15 @@ def _run(
     """Call C from a thread of its own, so that Ctrl-C is heard meanwhile."""
     stop = ffi().new("int32_t *")
     call = library().simulator_run
+    failure: list[BaseException] = []
 
     def work() -> None:  # holds on to all that C reads and writes, whatever becomes of the caller
-        episodes = ffi().cast("struct episode *", ffi().from_buffer(order))
-        structs = policies.structs
-        call(structs, grounds, hardcore, episodes, len(results), shaping, results, lanes, threads, stop)
+        try:
+            episodes = ffi().cast("struct episode *", ffi().from_buffer(order))
+            structs = policies.structs
+            call(structs, grounds, hardcore, episodes, len(results), shaping, results, lanes, threads, stop)
+        except BaseException as error:  # what a thread raises is lost, and results of zeros look like episodes
+            failure.append(error)
 
     worker = threading.Thread(target=work, daemon=True)
     try:
@@ -135,6 +144,8 @@ def _run(
         if worker.is_alive():
             worker.join()
         raise
+    if failure:
+        raise failure[0]
 
 
 class _Policies:
@@ -177,10 +188,18 @@ def _shaping(shaping: Shaping, max_steps: int) -> Any:
     )
 
 
+def _seed(value: Any) -> int:
+    try:
+        seed = operator.index(value)
+    except TypeError:
+        seed = -1
+    if seed < 0:
+        raise BitneatError(f"seed: expected a whole number of at least 0, got {value!r}")
+    return seed
+
+
 @lru_cache(maxsize=1 << 16)
 def _seed_state(seed: int) -> bytes:
     """The bytes of a ``struct pcg64`` after ``reset(seed=seed)`` of any Gymnasium environment."""
-    if seed < 0:
-        raise BitneatError(f"seed: expected a number of at least 0, got {seed}")
     state = random_state(np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed))))
     return bytes(ffi().buffer(state))

@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsIndex
 
 import cffi
 import numpy as np
@@ -112,6 +113,21 @@ def default_threads() -> int:
     """One for each core that this process may use."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, MAX_THREADS)
+
+
+def whole_number(name: str, value: SupportsIndex, most: int = 2**31 - 1) -> int:
+    """The number, a NumPy one too, that the caller gave as ``name``.
+
+    Raises:
+        BitneatError: if it is not a whole number from 1 to ``most``.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if not 1 <= number <= most:
+        raise BitneatError(f"{name}: expected a whole number from 1 to {most}, got {value!r}")
+    return number
 
 
 def lane_width(lanes: int | None) -> int:

@@ -7,7 +7,7 @@ import copy
 import math
 import operator
 from collections.abc import Sequence
-from typing import Any, SupportsIndex
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,7 +18,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from bitneat.errors import BitneatError
-from bitneat.sim.walker.library import LANE_WIDTHS, MAX_THREADS, default_threads, ffi, lane_width, library, random_state
+from bitneat.sim.walker.library import (
+    LANE_WIDTHS,
+    MAX_THREADS,
+    default_threads,
+    ffi,
+    lane_width,
+    library,
+    random_state,
+    whole_number,
+)
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -76,7 +85,7 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         Raises:
             BitneatError: if an argument is out of range, or there is no C compiler.
         """
-        self.num_envs = _count("num_envs", num_envs)
+        self.num_envs = whole_number("num_envs", num_envs)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:
@@ -91,9 +100,9 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         self.spec.vector_entry_point = f"{type(self).__module__}:{type(self).__name__}"
         if hardcore:
             self.spec.kwargs["hardcore"] = True
-        self._limit = STEP_LIMIT if max_episode_steps is None else _count("max_episode_steps", max_episode_steps)
+        self._limit = STEP_LIMIT if max_episode_steps is None else whole_number("max_episode_steps", max_episode_steps)
         self.spec.max_episode_steps = self._limit
-        self._threads = default_threads() if threads is None else _count("threads", threads, MAX_THREADS)
+        self._threads = default_threads() if threads is None else whole_number("threads", threads, MAX_THREADS)
         self._lanes = lane_width(lanes)
         if lanes is None:
             self._lanes = min(self._lanes, next((w for w in LANE_WIDTHS if w >= self.num_envs), self._lanes))
@@ -306,16 +315,6 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         self._observations[which] = observations
         self._elapsed[which] += 1
         return rewards, terminated.astype(np.bool_)
-
-
-def _count(name: str, value: SupportsIndex, most: int = 2**31 - 1) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = 0
-    if not 1 <= number <= most:
-        raise BitneatError(f"{name}: expected a whole number from 1 to {most}, got {value!r}")
-    return number
 
 
 def _seeds(seed: Any, num_envs: int) -> list[int | None]:
