@@ -250,7 +250,9 @@ class Polish:
         """
         version, numbers, gauss = data["random"]
         self._random.setstate((version, tuple(numbers), gauss))
-        self.generation = int(data["generation"])
+        self.generation = data["generation"]
+        if type(self.generation) is not int or self.generation < 0:
+            raise BitneatError("generation: expected a whole number")
         self._fresh = bool(data["fresh"])
         self.archive = [Entry.from_data(entry) for entry in data["archive"]]
         if not self.archive:

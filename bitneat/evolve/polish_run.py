@@ -96,6 +96,11 @@ class PolishSettings:
             or not math.isfinite(settings.floor)
         ):
             raise BitneatError(f"settings: expected an objective of {', '.join(OBJECTIVES)} and a finite floor")
+        seconds = settings.seconds
+        if seconds is not None and not (type(seconds) in (int, float) and 0 < seconds < math.inf):
+            raise BitneatError("settings: expected seconds above 0, or null")
+        if settings.trigonometry is not None and not isinstance(settings.trigonometry, str):
+            raise BitneatError("settings: trigonometry: expected text, or null")
         return settings
 
 
@@ -114,11 +119,13 @@ class PolishFolder:
         """Make the folder.
 
         Raises:
-            BitneatError: if there is a run already, or the folder cannot be made.
+            BitneatError: if there is a run or a champion already, or the folder cannot be made.
         """
         for name in (_STATE, "run.json"):
             if (self.path / name).exists():
                 raise BitneatError(f"{self.path}: holds a run already; continue it with --resume, or give another -o")
+        if self.champion_pickle.exists():  # it may be the very one that the run starts from
+            raise BitneatError(f"{self.champion_pickle}: exists and would be overwritten; give another -o")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
