@@ -34,6 +34,7 @@ _MOST_EPISODES = 600
 _FIRST_EPISODES = 32
 _NEAR = 25.0
 """Controllers this far below the floor may still have children that are above it."""
+_SLIGHTLY = 4.0
 _MEAN_CHANGES = (1.0, 1.5, 2.5)
 
 
@@ -196,9 +197,14 @@ class Polish:
         self.archive += children
 
     def _to_beat(self, size: int) -> float:
-        """The best reward of the archive in no more bytes; what exceeds the floor is not asked for by "size"."""
+        """What a child of this size must reach to be of interest: the best reward of the archive in no more bytes.
+
+        "reward" lets a smaller one be a little worse than the best, and "size" asks for no more than the floor and a little.
+        """
         best = max((entry.bound for entry in self.archive if entry.size <= size), default=-math.inf)
-        return min(best, self.floor + 5.0) if self.objective == "size" else best
+        if self.objective == "reward":
+            return max(best, max(entry.bound for entry in self.archive) - _SLIGHTLY)
+        return min(max(best, self.floor - _NEAR), self.floor + _SLIGHTLY)
 
     def _tidy(self) -> None:
         by_size: dict[int, list[Entry]] = {}

@@ -33,6 +33,9 @@ REPORT_EPISODES = 100
 SELECTION_EPISODES = 200
 FINALISTS = 6
 
+_CHECK_EVERY = 10
+"""Generations between two checks of the leader, which cost an episode in Gymnasium each."""
+
 _STATE = "polish.json"
 _MAX_STATE_BYTES = 1 << 28
 
@@ -191,12 +194,16 @@ def carry_on(
 ) -> tuple[Champion, Score, bool]:
     """Take a run to its end; returns champion, its score on the report seeds, and whether all generations were run.
 
-    ``check`` is called with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
+    ``check`` is called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
     """
     began = time.monotonic()
     out_of_time = False
     while polish.generation < settings.generations and not out_of_time:
         row = polish.advance(evaluator)
+        if check is not None and polish.generation % _CHECK_EVERY == 0:
+            leader = polish.ranking()[0].controller
+            episodes = evaluator.evaluate([leader], selection_seeds(1))[0]
+            check(Candidate(leader, polish.generation, tuple(e.reward for e in episodes)))
         history.append(row)
         folder.save(settings, polish, history)
         tell(row)

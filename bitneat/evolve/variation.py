@@ -205,7 +205,7 @@ def _share_links(draft: _Draft, rng: random.Random) -> None:
         return
     first, second = sorted(rng.sample(range(len(draft.nodes)), 2))
     a, b = draft.nodes[first], draft.nodes[second]
-    common = {key: sign for key, sign in a.links.items() if b.links.get(key) in (sign, -sign)}
+    common = {key: sign for key, sign in a.links.items() if not key[1] and b.links.get(key) in (sign, -sign)}
     if len(common) < 2:
         return
     same = {key: sign for key, sign in common.items() if b.links[key] == sign}

@@ -65,7 +65,7 @@ FAULTS = (
         "if (false) {\n            handle",
     ),
     Fault("impacts of a contact", "walker.c", "MAX_IMPACTS = 8", "MAX_IMPACTS = 0"),
-    Fault("contacts of an impact", "walker.c", "MAX_ISLAND_CONTACTS = 32", "MAX_ISLAND_CONTACTS = 1"),
+    Fault("contacts of an impact", "walker.h", "MAX_ISLAND_CONTACTS = 32", "MAX_ISLAND_CONTACTS = 1"),
     Fault("first of equal impacts", "walker.c", "(contact->impact < earliest)", "(contact->impact <= earliest)"),
     Fault("impacts ruled out", "impact.c", "#define CLEARANCE 0.00825f", "#define CLEARANCE 0.004f"),
     Fault("tolerance of impact", "impact.c", "(0.25f * LINEAR_SLOP)", "(0.3f * LINEAR_SLOP)"),

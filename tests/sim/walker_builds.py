@@ -16,8 +16,18 @@ from bitneat.sim.walker import library as native
 _OTHER_WIDTHS = """
 #include <stdlib.h>
 #include "walker.h"
-void walker_solve_4(struct walker *const *walkers, int count) { (void)walkers; (void)count; abort(); }
-void walker_solve_8(struct walker *const *walkers, int count) { (void)walkers; (void)count; abort(); }
+size_t walker_scratch_4(void) { abort(); }
+void walker_solve_4(struct walker *const *walkers, int count, void *scratch)
+{
+    (void)walkers, (void)count, (void)scratch;
+    abort();
+}
+size_t walker_scratch_8(void) { abort(); }
+void walker_solve_8(struct walker *const *walkers, int count, void *scratch)
+{
+    (void)walkers, (void)count, (void)scratch;
+    abort();
+}
 """
 """The faulty builds have the widths 1 and 16 only, to save the compiler's time."""
 

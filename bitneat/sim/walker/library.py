@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import operator
 import os
+import threading
 from functools import cache
 from pathlib import Path
 from typing import Any, SupportsIndex
@@ -63,7 +64,7 @@ int64_t simulator_environment_size(void);
 int32_t simulator_widest(void);
 void simulator_seed(void *environments, int32_t index, const struct pcg64 *rng, int32_t hardcore);
 void simulator_random_state(const void *environments, int32_t index, struct pcg64 *rng);
-void simulator_reset(void *environments, const int32_t *which, int32_t count, float *observations, int32_t lanes,
+bool simulator_reset(void *environments, const int32_t *which, int32_t count, float *observations, int32_t lanes,
                      int32_t threads);
 bool simulator_step(void *environments, const int32_t *which, int32_t count, const float *actions, float *observations,
                     double *rewards, uint8_t *terminated, int32_t lanes, int32_t threads);
@@ -91,13 +92,21 @@ def sources() -> tuple[list[Path], list[Path]]:
     return files, [folder, runtime / "include", runtime / "src"]
 
 
-@cache
+_opening = threading.Lock()
+
+
 def library() -> Any:
     """The simulator, compiled and opened.
 
     Raises:
         BitneatError: if there is no C compiler, or it refuses.
     """
+    with _opening:  # a cache alone would let two threads open it, the one while the other's walkers walk
+        return _open()
+
+
+@cache
+def _open() -> Any:
     files, folders = sources()
     path = shared_library(files, name="bitneat-walker", include_dirs=folders, flags=FLAGS)
     opened = ffi().dlopen(str(path))

@@ -280,7 +280,7 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
 
     def _start(self, which: Indices) -> None:
         observations = np.empty((len(which), NUM_OBSERVATIONS), np.float32)
-        library().simulator_reset(
+        done = library().simulator_reset(
             self._environments,
             ffi().from_buffer("int32_t[]", which),
             len(which),
@@ -288,6 +288,9 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
             self._lanes,
             self._threads,
         )
+        if not done:
+            self._started[:] = False
+            raise BitneatError("native walker: out of memory; reset all environments")
         self._observations[which] = observations
         self._elapsed[which] = 0
         self._started[which] = True
@@ -311,7 +314,10 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         )
         if not done:
             self._started[:] = False
-            raise BitneatError("native walker: an episode had too many contacts; reset all environments")
+            raise BitneatError(
+                "native walker: a body touches more shapes than there is room for, or memory ran out;"
+                " reset all environments"
+            )
         self._observations[which] = observations
         self._elapsed[which] += 1
         return rewards, terminated.astype(np.bool_)

@@ -47,47 +47,61 @@ void simulator_random_state(const struct environment *environments, int32_t inde
     *rng = environments[index].rng;
 }
 
-static void solve(struct walker *const *walkers, int count, int lanes)
+static void solve(struct walker *const *walkers, int count, int lanes, void *scratch)
 {
     switch (lanes) {
     case 16:
-        walker_solve_16(walkers, count);
+        walker_solve_16(walkers, count, scratch);
         break;
     case 8:
-        walker_solve_8(walkers, count);
+        walker_solve_8(walkers, count, scratch);
         break;
     case 4:
-        walker_solve_4(walkers, count);
+        walker_solve_4(walkers, count, scratch);
         break;
     default:
-        walker_solve_1(walkers, count);
+        walker_solve_1(walkers, count, scratch);
         break;
     }
 }
 
+static void *new_scratch(int lanes)
+{
+    const size_t size = lanes == 16  ? walker_scratch_16()
+                        : lanes == 8 ? walker_scratch_8()
+                        : lanes == 4 ? walker_scratch_4()
+                                     : walker_scratch_1();
+    return aligned_alloc(64, (size + 63) / 64 * 64);
+}
+
 /* Work that threads share: pieces are taken in turn. */
 struct work {
-    void (*piece)(void *context, int64_t index);
+    void (*piece)(void *context, int64_t index, void *scratch);
     void *context;
-    int64_t count, next;
+    int64_t count, next, done;
+    int lanes;
 };
 
 static void *work_on(void *argument)
 {
     struct work *work = argument;
-    for (;;) {
+    void *scratch = new_scratch(work->lanes);
+    while (scratch != NULL) {
         const int64_t index = __atomic_fetch_add(&work->next, 1, __ATOMIC_RELAXED);
         if (index >= work->count) {
-            return NULL;
+            break;
         }
-        work->piece(work->context, index);
+        work->piece(work->context, index, scratch);
+        __atomic_fetch_add(&work->done, 1, __ATOMIC_RELAXED);
     }
+    free(scratch);
+    return NULL;
 }
 
-/* A thread that cannot be made is done without. */
-static void share(void (*piece)(void *, int64_t), void *context, int64_t count, int32_t threads)
+/* A thread that cannot be made is done without. False if memory ran out before all was done. */
+static bool share(void (*piece)(void *, int64_t, void *), void *context, int64_t count, int32_t threads, int lanes)
 {
-    struct work work = {piece, context, count, 0};
+    struct work work = {piece, context, count, 0, 0, lanes};
     pthread_t others[MAX_THREADS];
     int started = 0;
     while (started + 1 < threads && started + 1 < count && started < MAX_THREADS &&
@@ -98,6 +112,7 @@ static void share(void (*piece)(void *, int64_t), void *context, int64_t count, 
     while (started > 0) {
         pthread_join(others[--started], NULL);
     }
+    return work.done == count;
 }
 
 struct step_context {
@@ -112,7 +127,7 @@ struct step_context {
     int32_t overflow;
 };
 
-static void step_piece(void *argument, int64_t index)
+static void step_piece(void *argument, int64_t index, void *scratch)
 {
     struct step_context *s = argument;
     const int32_t first = (int32_t)index * s->lanes;
@@ -127,7 +142,7 @@ static void step_piece(void *argument, int64_t index)
         }
         walker_begin(walkers[i], s->reset ? STILL : s->actions + (int64_t)(first + i) * NUM_ACTIONS);
     }
-    solve(walkers, count, s->lanes);
+    solve(walkers, count, s->lanes, scratch);
     for (int32_t i = 0; i < count; ++i) {
         const int64_t row = first + i;
         const float *action = s->reset ? STILL : s->actions + row * NUM_ACTIONS;
@@ -145,7 +160,7 @@ static void step_piece(void *argument, int64_t index)
     }
 }
 
-void simulator_reset(struct environment *environments, const int32_t *which, int32_t count, float *observations,
+bool simulator_reset(struct environment *environments, const int32_t *which, int32_t count, float *observations,
                      int32_t lanes, int32_t threads)
 {
     struct step_context s = {.environments = environments,
@@ -154,7 +169,7 @@ void simulator_reset(struct environment *environments, const int32_t *which, int
                              .lanes = lanes,
                              .reset = true,
                              .observations = observations};
-    share(step_piece, &s, (count + lanes - 1) / lanes, threads);
+    return share(step_piece, &s, (count + lanes - 1) / lanes, threads, lanes);
 }
 
 bool simulator_step(struct environment *environments, const int32_t *which, int32_t count, const float *actions,
@@ -168,8 +183,8 @@ bool simulator_step(struct environment *environments, const int32_t *which, int3
                              .observations = observations,
                              .rewards = rewards,
                              .terminated = terminated};
-    share(step_piece, &s, (count + lanes - 1) / lanes, threads);
-    return s.overflow == 0;
+    const bool done = share(step_piece, &s, (count + lanes - 1) / lanes, threads, lanes);
+    return done && s.overflow == 0;
 }
 
 struct run_context {
@@ -287,7 +302,7 @@ static bool account(const struct run_context *c, struct run *run)
 }
 
 /* One thread's part: a lane that finishes an episode takes the next one at once. */
-static void run_piece(void *argument, int64_t index)
+static void run_piece(void *argument, int64_t index, void *scratch)
 {
     struct run_context *c = argument;
     (void)index;
@@ -315,7 +330,7 @@ static void run_piece(void *argument, int64_t index)
             }
             walker_begin(walkers[i], active[i]->action);
         }
-        solve(walkers, count, c->lanes);
+        solve(walkers, count, c->lanes, scratch);
         for (int i = count; i-- > 0;) {
             walker_end(walkers[i]);
             if (account(c, active[i]) && !start(c, active[i])) {
@@ -341,6 +356,6 @@ bool simulator_run(const struct policy *policies, const struct pcg64 *grounds, i
     for (int64_t i = 0; i < count; ++i) {
         results[i].failed = EPISODE_UNDONE;
     }
-    share(run_piece, &c, threads, threads);
+    (void)share(run_piece, &c, threads, threads, lanes); /* an episode that was not run says so */
     return *stop == 0;
 }

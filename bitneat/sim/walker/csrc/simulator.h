@@ -56,11 +56,12 @@ void simulator_seed(struct environment *environments, int32_t index, const struc
 void simulator_random_state(const struct environment *environments, int32_t index, struct pcg64 *rng);
 
 /* Start new episodes in the environments `which[0..count)`, from the random numbers that each has. Observations go to rows of
- * `observations` in the order of `which`. */
-void simulator_reset(struct environment *environments, const int32_t *which, int32_t count, float *observations,
+ * `observations` in the order of `which`. False if memory ran out. */
+bool simulator_reset(struct environment *environments, const int32_t *which, int32_t count, float *observations,
                      int32_t lanes, int32_t threads);
 
-/* One step of each; row i of everything belongs to which[i]. False if a walker had more contacts than there is room for. */
+/* One step of each; row i of everything belongs to which[i]. False if a walker had more contacts than there is room for, or memory
+ * ran out. */
 bool simulator_step(struct environment *environments, const int32_t *which, int32_t count, const float *actions,
                     float *observations, double *rewards, uint8_t *terminated, int32_t lanes, int32_t threads);
 

@@ -11,6 +11,8 @@
 #include "trig.h"
 #include "walker.h"
 
+#include <stddef.h>
+
 #define JOIN_(a, b) a##b
 #define JOIN(a, b) JOIN_(a, b)
 
@@ -71,7 +73,7 @@ struct batch {
     struct rotation q[NUM_BODIES];
     struct joint_lanes joint[NUM_JOINTS];
     int32_t first_slot[NUM_BODIES + 1]; /* of each body; the last is the number of slots */
-    struct slot slot[MAX_SLOTS];
+    struct slot *slot;
 };
 
 static void rotation_of(struct rotation *q, vf angle)
@@ -661,6 +663,9 @@ static vm correct_contacts(struct batch *b, int body, vm bad)
 static unsigned solve_positions(struct batch *b, unsigned lanes)
 {
     struct motion done[NUM_BODIES], result[NUM_BODIES];
+    for (int i = 0; i < NUM_BODIES; ++i) {
+        result[i] = b->c[i];
+    }
     unsigned unsolved = lanes;
     const vm none = lanes_from_bits(0);
     vm bad = correct_contacts(b, LOWER_2, none);
@@ -759,9 +764,16 @@ static void scatter(struct batch *b, struct walker *const *walkers, int count, u
     }
 }
 
-void JOIN(walker_solve_, LANES)(struct walker *const *walkers, int count)
+/* For the slots: too much for the stack of a thread, on some systems. */
+size_t JOIN(walker_scratch_, LANES)(void)
+{
+    return MAX_SLOTS * sizeof(struct slot);
+}
+
+void JOIN(walker_solve_, LANES)(struct walker *const *walkers, int count, void *scratch)
 {
     struct batch b;
+    b.slot = scratch;
     gather(&b, walkers, count);
     gather_contacts(&b, walkers, count);
     for (int32_t i = 0; i < b.first_slot[NUM_BODIES]; ++i) {
@@ -788,7 +800,9 @@ void JOIN(walker_solve_, LANES)(struct walker *const *walkers, int count)
 void walker_substep(struct body *body, int index, struct contact *const *contacts, int count, float time_step)
 {
     static const struct correction firm = {0.75f, -1.5f * LINEAR_SLOP};
+    struct slot slots[MAX_ISLAND_CONTACTS];
     struct batch b;
+    b.slot = slots;
     b.c[index].x = body->sweep.c.x;
     b.c[index].y = body->sweep.c.y;
     b.c[index].a = body->sweep.a;

@@ -17,7 +17,7 @@
 #define LINEAR_SLEEP_TOLERANCE 0.01f
 #define GRAVITY (-10.0f)
 
-enum { MAX_IMPACTS = 8, MAX_ISLAND_CONTACTS = 32 };
+enum { MAX_IMPACTS = 8 };
 
 /* Gymnasium's numbers, in double as Python has them. */
 static const double SCALE = 30.0;

@@ -12,6 +12,8 @@
 #ifndef BITNEAT_WALKER_WALKER_H
 #define BITNEAT_WALKER_WALKER_H
 
+#include <stddef.h>
+
 #include "geometry.h"
 #include "terrain.h"
 
@@ -23,7 +25,7 @@ enum { NUM_OBSERVATIONS = 24, NUM_ACTIONS = 4, NUM_RAYS = 10, FIRST_RAY = 14 };
 
 /* Of one body. Play needs ten at most. A body thrown at 100 m/s was seen to need 35, as every impact of a step leaves it a larger box; a
  * walker that needs more than there is room for says so. */
-enum { MAX_CONTACTS = 64 };
+enum { MAX_CONTACTS = 64, MAX_ISLAND_CONTACTS = 32 };
 
 enum { VELOCITY_ITERATIONS = 180, POSITION_ITERATIONS = 60, SUBSTEP_POSITION_ITERATIONS = 20 };
 
@@ -104,11 +106,17 @@ void walker_reset(struct walker *w, const struct terrain *ground);
 
 /* The step's parts, in this order. `action` is 4 numbers, none of them a NaN. */
 void walker_begin(struct walker *w, const float *action);
-void walker_solve_1(struct walker *const *walkers, int count);
-void walker_solve_4(struct walker *const *walkers, int count);
-void walker_solve_8(struct walker *const *walkers, int count);
-void walker_solve_16(struct walker *const *walkers, int count);
+void walker_solve_1(struct walker *const *walkers, int count, void *scratch);
+void walker_solve_4(struct walker *const *walkers, int count, void *scratch);
+void walker_solve_8(struct walker *const *walkers, int count, void *scratch);
+void walker_solve_16(struct walker *const *walkers, int count, void *scratch);
 void walker_end(struct walker *w);
+
+/* How much memory each needs besides, aligned to 64 bytes. */
+size_t walker_scratch_1(void);
+size_t walker_scratch_4(void);
+size_t walker_scratch_8(void);
+size_t walker_scratch_16(void);
 
 /* The rest of a step of one body after an impact: it lasts `time_step`; sweep, v and w are updated. */
 void walker_substep(struct body *body, int index, struct contact *const *contacts, int count, float time_step);

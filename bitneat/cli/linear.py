@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat linear``: a linear policy as a ternary champion, to polish."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
+from bitneat.errors import BitneatError
+
+if TYPE_CHECKING:
+    from bitneat.champion import EnvironmentSpec
+    from bitneat.controller import Input
+    from bitneat.evolve.evaluation import Evaluator
+    from bitneat.evolve.linear import LinearRow, LinearSearch
+    from bitneat.evolve.recheck import Recheck
+    from bitneat.sim.environment import EnvironmentInfo
+
+HELP = "find a linear policy, and write it as a ternary champion to polish"
+EXAMPLE = """\
+  bitneat linear -o start                                  BipedalWalker-v3
+  bitneat polish start/champion.pkl -o better"""
+
+DEFAULT_GENERATIONS = 200
+_WALKS_AT = 150.0
+"""Median reward at which a walker's falls begin to count."""
+_FALL = -100.0
+_RESOLUTIONS = (1, 2, 3, 4)
+_SELECTION_EPISODES = 64
+_REPORT_EPISODES = 100
+_FORMAT, _VERSION = "bitneat-linear", 1
+_STATE = "linear.json"
+_FRAC_BITS = 8
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``linear``; those that a resumed run must not change default to None."""
+    parser.add_argument("--env", metavar="ID", help="Gymnasium environment (default BipedalWalker-v3)")
+    parser.add_argument(
+        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
+    )
+    parser.add_argument("--pop", metavar="N", type=whole_number(4), help="policies in a generation (default 64)")
+    parser.add_argument(
+        "--generations",
+        metavar="N",
+        type=whole_number(1),
+        help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
+    )
+    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    add_simulator(parser)
+    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/linear-SEED)")
+    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Search, and leave the best of the ternary roundings in the run folder."""
+    from bitneat.champion import EnvironmentSpec
+    from bitneat.evolve.linear import LinearSearch
+    from bitneat.sim import bipedal
+    from bitneat.sim.environment import allow_imports, inspect
+
+    allow_imports(args.imports or ())
+    settings, state, history = _settings(args)
+    folder: Path = args.resume or args.output or Path("runs") / f"linear-{settings['seed']}"
+    spec = EnvironmentSpec(settings["env"], {}, tuple(args.imports or ()))
+    info = inspect(spec)
+    if info.max_steps is None:
+        raise BitneatError(f"environment {spec.id}: has no time limit")
+    simulator = choose_simulator(spec, args.simulator)
+    walker = bipedal.is_walker(spec)
+    search = LinearSearch(
+        _inputs(info),
+        info.action.num_outputs,
+        _FRAC_BITS,
+        settings["seed"],
+        population=settings["population"],
+        fall_reward=_FALL if walker else math.nan,
+        walks_at=_WALKS_AT if walker else math.inf,
+    )
+    if state is not None:
+        _restore(folder, search, state)
+    else:
+        _create(folder)
+    evaluator = None
+    try:
+        evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
+        while search.generation < settings["generations"]:
+            row = search.advance(evaluator)
+            history.append(list(vars(row).values()))
+            _save(folder, settings, search, history)
+            _tell(row)
+        summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
+    except KeyboardInterrupt:
+        if search.generation:
+            print(f"bitneat: stopped; continue with: bitneat linear --resume {folder}", file=sys.stderr)
+        raise
+    finally:
+        if evaluator is not None:
+            evaluator.close()
+    score, controller = summary["held_out"], summary["controller"]
+    print(
+        f"champion: {score['mean']:.1f} ± {score['std']:.1f} over {score['episodes']} held-out episodes"
+        f" (min {score['min']:.1f}, max {score['max']:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
+        f" {controller['packed_bytes']} bytes packed"
+    )
+    print(f"written: {summary['champion']}")
+    if args.json is not None:
+        from bitneat.files import write_json
+
+        write_json(args.json, summary)
+    return 0
+
+
+def _inputs(info: EnvironmentInfo) -> tuple[Input, ...]:
+    """The scales that the bounds of the observation suggest, and one limit for all, which packs into a few bits."""
+    from bitneat.controller import Input
+    from bitneat.sim.environment import default_inputs
+
+    inputs = default_inputs(info, _FRAC_BITS)
+    limit = (1 << max(entry.limit for entry in inputs).bit_length()) - 1
+    return tuple(Input(entry.scale, limit) for entry in inputs)
+
+
+def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any]]:
+    """What is asked for, and, of a resumed run, where it stands and its history."""
+    if args.resume is None:
+        settings = {
+            "env": args.env or "BipedalWalker-v3",
+            "seed": args.seed or 0,
+            "population": args.pop or 64,
+            "generations": args.generations or DEFAULT_GENERATIONS,
+        }
+        return settings, None, []
+    for option, value in {"--env": args.env, "--seed": args.seed, "--pop": args.pop, "-o": args.output}.items():
+        if value is not None:
+            raise BitneatError(f"{option}: not with --resume, which takes it from the run")
+    data = _load(args.resume)
+    settings = data["settings"]
+    if args.generations is not None:
+        settings["generations"] = args.generations
+    return settings, data["search"], data["history"]
+
+
+def _load(folder: Path) -> dict[str, Any]:
+    import json
+
+    from bitneat.files import read_capped
+    from bitneat.sim.walker.trigonometry import refuse_other
+
+    path = folder / _STATE
+    if not path.exists():
+        raise BitneatError(f"--resume {folder}: holds no run of bitneat linear: {_STATE} is missing")
+    try:
+        data: dict[str, Any] = json.loads(read_capped(path, 1 << 28))
+        if (data["format"], data["version"]) != (_FORMAT, _VERSION):
+            raise BitneatError(f"expected {_FORMAT} version {_VERSION}")
+        settings = data["settings"]
+        numbers = [settings[key] for key in ("seed", "population", "generations")]
+        if type(settings["env"]) is not str or any(type(n) is not int or n < 0 for n in numbers) or numbers[1] < 4:
+            raise BitneatError("settings: expected the id of an environment and whole numbers")
+        if type(data["history"]) is not list:
+            raise BitneatError("history: expected a list")
+        trigonometry = data["trigonometry"]
+    except Exception as error:  # the file may be anyone's
+        raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
+    refuse_other(trigonometry, str(path))
+    return data
+
+
+def _restore(folder: Path, search: LinearSearch, state: Any) -> None:
+    try:
+        search.restore(state)
+    except Exception as error:  # the file may be anyone's
+        raise BitneatError(f"{folder / _STATE}: damaged: {_reason(error)}") from None
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] if isinstance(error, BitneatError) else type(error).__name__
+
+
+def _create(folder: Path) -> None:
+    for name in (_STATE, "polish.json", "run.json"):
+        if (folder / name).exists():
+            raise BitneatError(f"{folder}: holds a run already; continue it with --resume, or give another -o")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+
+
+def _save(folder: Path, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:
+    import json
+
+    from bitneat.champion import EnvironmentSpec
+    from bitneat.files import write_atomic
+    from bitneat.sim.walker.trigonometry import probe_for
+
+    data = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "settings": settings,
+        "trigonometry": probe_for(EnvironmentSpec(settings["env"])),
+        "search": search.to_data(),
+        "history": history,
+    }
+    write_atomic(folder / _STATE, json.dumps(data, separators=(",", ":"), allow_nan=False).encode())
+
+
+def _tell(row: LinearRow) -> None:
+    print(
+        f"generation {row.generation} best {row.best:.1f} median {row.median:.1f} step size {row.step_size:.3f}"
+        f" episodes {row.episodes} steps {row.steps}",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+def _finish(
+    folder: Path,
+    settings: dict[str, Any],
+    search: LinearSearch,
+    *,
+    evaluator: Evaluator,
+    recheck: Recheck | None,
+    spec: EnvironmentSpec,
+    info: EnvironmentInfo,
+) -> dict[str, Any]:
+    """Choose the resolution on the selection seeds, and report on others."""
+    from bitneat.champion import Champion, save_json, save_pickle
+    from bitneat.controller.packing import pack
+    from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
+    from bitneat.evolve.search import Candidate, Score
+    from bitneat.version import __version__
+
+    roundings = [search.ternary(resolution) for resolution in _RESOLUTIONS]
+    results = evaluator.evaluate(roundings, selection_seeds(_SELECTION_EPISODES))
+    scores = [Score.of(row) for row in results]
+    best = max(range(len(roundings)), key=lambda i: scores[i].mean)
+    controller = roundings[best]
+    if recheck is not None:
+        recheck(Candidate(controller, search.generation, tuple(e.reward for e in results[best])))
+    held_out = Score.of(evaluator.evaluate([controller], report_seeds(_REPORT_EPISODES))[0])
+    provenance = {
+        "tool": f"bitneat {__version__}",
+        "linear": {**settings, "resolution": _RESOLUTIONS[best]},
+        "selection": {**scores[best].to_data(), "first_seed": SELECTION_START},
+        "held_out": {**held_out.to_data(), "first_seed": REPORT_START},
+        "max_steps": info.max_steps,
+    }
+    champion = Champion(controller, info.action, spec, provenance)
+    save_json(champion, folder / "champion.json")
+    save_pickle(champion, folder / "champion.pkl")
+    return {
+        "run": str(folder),
+        "champion": str(folder / "champion.pkl"),
+        "controller": {
+            "sha256": controller.sha256,
+            "ternary": controller.is_ternary,
+            "nodes": len(controller.nodes),
+            "links": controller.num_links,
+            "packed_bytes": len(pack(controller)),
+        },
+        "resolution": _RESOLUTIONS[best],
+        "held_out": held_out.to_data(),
+    }

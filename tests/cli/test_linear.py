@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat linear`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from bitneat import champion as champions
+from bitneat.cli.main import main
+
+
+def test_walkers_end_the_same_whatever_runs_them_and_however_often_they_stop(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["linear", "--pop", "8", "--seed", "7"]
+    whole, parts = str(tmp_path / "whole"), str(tmp_path / "parts")
+    assert main([*common, "--generations", "3", "-o", whole, "--json", str(tmp_path / "whole.json")]) == 0
+    assert main([*common, "--generations", "2", "--workers", "1", "-o", parts]) == 0
+    assert main(["linear", "--resume", parts, "--generations", "3"]) == 0
+    assert (tmp_path / "whole/champion.pkl").read_bytes() == (tmp_path / "parts/champion.pkl").read_bytes()
+    assert "held-out episodes" in capsys.readouterr().out
+    summary = json.loads((tmp_path / "whole.json").read_text())
+    assert summary["controller"]["ternary"]
+    assert champions.load(tmp_path / "whole/champion.pkl").controller.sha256 == summary["controller"]["sha256"]
+    assert main(["polish", whole + "/champion.pkl", "--generations", "1", "-o", str(tmp_path / "polished")]) == 0
+
+
+def test_other_environments_have_linear_policies_too(tmp_path: Path) -> None:
+    arguments = ["linear", "--env", "CartPole-v1", "--pop", "12", "--generations", "4", "--workers", "1"]
+    assert main([*arguments, "-o", str(tmp_path / "run")]) == 0
+    champion = champions.load(tmp_path / "run/champion.json")
+    assert champion.provenance["held_out"]["mean"] > 60
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--env", "Nowhere-v0"], "environment Nowhere-v0"),
+        (["--pop", "3"], "'3' is not a whole number of 4 or more"),
+        (["--env", "CartPole-v1", "--simulator", "native"], "--simulator native: serves"),
+        (["--resume", "nowhere"], "nowhere: holds no run of bitneat linear"),
+        (["--resume", "nowhere", "--pop", "9"], "--pop: not with --resume"),
+    ],
+)
+def test_bad_input_is_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if "--resume" in arguments:
+        # argparse and we agree: nothing is asked of the folder before the options make sense
+        assert not Path("nowhere").exists()
+    try:
+        status = main(["linear", *arguments])
+    except SystemExit as exit_:
+        status = int(str(exit_.code))
+    assert status == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_run_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "linear.json").write_text('{"format": "bitneat-linear", "version": 1, "settings": {}}')
+    assert main(["linear", "--resume", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "linear.json: damaged: KeyError" in error
+    assert error.count("\n") == 1
