@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -58,12 +57,9 @@ def evaluator_for(
     """The evaluator, and, of the native simulator, what compares it with Gymnasium now and then."""
     from bitneat.evolve.evaluation import GymnasiumEvaluator, NativeWalkerEvaluator
     from bitneat.evolve.recheck import Recheck
+    from bitneat.sim.walker.library import default_threads
 
-    workers = workers or _cores()
+    workers = workers or default_threads()
     if simulator == "native":
         return NativeWalkerEvaluator(spec, max_steps, workers), Recheck(spec, info.action, max_steps)
     return GymnasiumEvaluator(spec, info.action, max_steps, workers, simulator), None
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
