@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.outcome import controller_data, print_champion
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -89,7 +90,6 @@ def run(args: argparse.Namespace) -> int:
 
 def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
     """What ``--json`` says."""
-    from bitneat.controller.packing import pack
 
     controller = outcome.champion.controller
     assert outcome.champion.environment is not None
@@ -99,13 +99,7 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
         "environment": outcome.champion.environment.id,
         "finished": outcome.finished,
         "generation": outcome.candidate.generation,
-        "controller": {
-            "sha256": controller.sha256,
-            "ternary": controller.is_ternary,
-            "nodes": len(controller.nodes),
-            "links": controller.num_links,
-            "packed_bytes": len(pack(controller)),
-        },
+        "controller": controller_data(controller),
         "held_out": outcome.score.to_data(),
     }
 
@@ -223,16 +217,9 @@ def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
 def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
     from bitneat.evolve.lowering import has_path
 
-    result = summary(folder, outcome)
-    controller, score = result["controller"], outcome.score
     if not outcome.finished:
         print("stopped by --time")
-    print(
-        f"champion: {score.mean:.1f} ± {score.std:.1f} over {score.episodes} held-out episodes"
-        f" (min {score.min:.1f}, max {score.max:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
-        f" {controller['packed_bytes']} bytes packed"
-    )
-    print(f"written: {result['champion']}")
+    print_champion(summary(folder, outcome))
     if not has_path(outcome.champion.controller):
         print(
             "warning: the champion has no path from any input to an output; evolve longer, or with a larger population"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.outcome import controller_data, print_champion
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -103,13 +104,7 @@ def run(args: argparse.Namespace) -> int:
     finally:
         if evaluator is not None:
             evaluator.close()
-    score, controller = summary["held_out"], summary["controller"]
-    print(
-        f"champion: {score['mean']:.1f} ± {score['std']:.1f} over {score['episodes']} held-out episodes"
-        f" (min {score['min']:.1f}, max {score['max']:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
-        f" {controller['packed_bytes']} bytes packed"
-    )
-    print(f"written: {summary['champion']}")
+    print_champion(summary)
     if args.json is not None:
         from bitneat.files import write_json
 
@@ -233,7 +228,6 @@ def _finish(
 ) -> dict[str, Any]:
     """Choose the resolution on the selection seeds, and report on others."""
     from bitneat.champion import Champion, save_json, save_pickle
-    from bitneat.controller.packing import pack
     from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
     from bitneat.evolve.search import Candidate, Score
     from bitneat.version import __version__
@@ -259,13 +253,7 @@ def _finish(
     return {
         "run": str(folder),
         "champion": str(folder / "champion.pkl"),
-        "controller": {
-            "sha256": controller.sha256,
-            "ternary": controller.is_ternary,
-            "nodes": len(controller.nodes),
-            "links": controller.num_links,
-            "packed_bytes": len(pack(controller)),
-        },
+        "controller": controller_data(controller),
         "resolution": _RESOLUTIONS[best],
         "held_out": held_out.to_data(),
     }

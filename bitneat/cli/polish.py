@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.outcome import controller_data, print_champion
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -78,13 +79,7 @@ def run(args: argparse.Namespace) -> int:
         settings, polish, history = _resumed(args, folder)
     champion, score, finished = _polish(args, folder, settings, polish, history)
     summary = _summary(folder, champion, score, finished)
-    controller = summary["controller"]
-    print(
-        f"champion: {score.mean:.1f} ± {score.std:.1f} over {score.episodes} held-out episodes"
-        f" (min {score.min:.1f}, max {score.max:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
-        f" {controller['packed_bytes']} bytes packed"
-    )
-    print(f"written: {summary['champion']}")
+    print_champion(summary)
     if args.json is not None:
         from bitneat.files import write_json
 
@@ -132,20 +127,13 @@ def _tell(row: Row) -> None:
 
 
 def _summary(folder: PolishFolder, champion: Champion, score: Score, finished: bool) -> dict[str, Any]:
-    from bitneat.controller.packing import pack
 
     controller = champion.controller
     return {
         "run": str(folder.path),
         "champion": str(folder.champion_pickle),
         "finished": finished,
-        "controller": {
-            "sha256": controller.sha256,
-            "ternary": controller.is_ternary,
-            "nodes": len(controller.nodes),
-            "links": controller.num_links,
-            "packed_bytes": len(pack(controller)),
-        },
+        "controller": controller_data(controller),
         "held_out": score.to_data(),
     }
 

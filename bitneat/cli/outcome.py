@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: MIT
+"""How the commands that make champions say what they made, to people and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bitneat.controller import Controller
+
+
+def controller_data(controller: Controller) -> dict[str, Any]:
+    """The ``controller`` of a command's JSON."""
+    from bitneat.controller.packing import pack
+
+    return {
+        "sha256": controller.sha256,
+        "ternary": controller.is_ternary,
+        "nodes": len(controller.nodes),
+        "links": controller.num_links,
+        "packed_bytes": len(pack(controller)),
+    }
+
+
+def print_champion(summary: Mapping[str, Any]) -> None:
+    """Two lines about a champion: its ``held_out`` score and its size, and the file it is in."""
+    score, controller = summary["held_out"], summary["controller"]
+    print(
+        f"champion: {score['mean']:.1f} ± {score['std']:.1f} over {score['episodes']} held-out episodes"
+        f" (min {score['min']:.1f}, max {score['max']:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
+        f" {controller['packed_bytes']} bytes packed"
+    )
+    print(f"written: {summary['champion']}")
