@@ -90,7 +90,6 @@ def run(args: argparse.Namespace) -> int:
 
 def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
     """What ``--json`` says."""
-
     controller = outcome.champion.controller
     assert outcome.champion.environment is not None
     return {

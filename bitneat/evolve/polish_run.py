@@ -198,33 +198,42 @@ def carry_on(
     """
     began = time.monotonic()
     out_of_time = False
+    leader = None
     while polish.generation < settings.generations and not out_of_time:
         row = polish.advance(evaluator)
+        before, leader = leader, polish.ranking()[0].controller
         if check is not None and polish.generation % _CHECK_EVERY == 0:
-            leader = polish.ranking()[0].controller
             episodes = evaluator.evaluate([leader], selection_seeds(1))[0]
             check(Candidate(leader, polish.generation, tuple(e.reward for e in episodes)))
         history.append(row)
         folder.save(settings, polish, history)
+        if leader != before:
+            folder.save_champion(_champion(settings, polish, leader, None, None))
         tell(row)
         out_of_time = settings.seconds is not None and time.monotonic() - began > settings.seconds
     entry, rewards = _choose(polish, evaluator)
     if check is not None:
         check(Candidate(entry.controller, polish.generation, tuple(rewards)))
     score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
-    selection = Score(len(rewards), *_statistics(rewards))
+    champion = _champion(settings, polish, entry.controller, Score(len(rewards), *_statistics(rewards)), score)
+    folder.save_champion(champion)
+    return champion, score, polish.generation >= settings.generations
+
+
+def _champion(
+    settings: PolishSettings, polish: Polish, controller: Controller, selection: Score | None, score: Score | None
+) -> Champion:
+    """A champion, or the leader so far, which has no scores."""
     provenance = {
         "tool": f"bitneat {__version__}",
         "polish": {key: value for key, value in settings.to_data().items() if key not in ("environment", "action")},
         "generations": polish.generation,
-        "selection": {**selection.to_data(), "first_seed": SELECTION_START},
-        "held_out": {**score.to_data(), "first_seed": REPORT_START},
+        "selection": None if selection is None else {**selection.to_data(), "first_seed": SELECTION_START},
+        "held_out": None if score is None else {**score.to_data(), "first_seed": REPORT_START},
         "reproducible": settings.seconds is None,
         "max_steps": settings.max_steps,
     }
-    champion = Champion(entry.controller, settings.action, settings.environment, provenance)
-    folder.save_champion(champion)
-    return champion, score, polish.generation >= settings.generations
+    return Champion(controller, settings.action, settings.environment, provenance)
 
 
 def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[float]]:
