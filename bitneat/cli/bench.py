@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
             "measurements": [line.to_data() for line in measurements],
         }
         if comparison is not None:
-            data["simulator"] = comparison.to_data()
+            data |= comparison.to_data()
         write_json(args.json, data)
     return 0
 
