@@ -136,9 +136,9 @@ def test_the_command_gives_a_table_and_json(
     out = tmp_path / "bench.json"
     assert main(["bench", "sim", "--repetitions", "1", "--json", str(out)]) == 0
     printed = capsys.readouterr().out
-    data = json.loads(out.read_text())
-    found = data
-    assert set(found) == {"links", "lanes", "cores", "steps_per_second", *RATIOS}
+    found = json.loads(out.read_text())
+    general = {"machine", "repetitions", "measurements"}
+    assert set(found) == general | {"links", "lanes", "cores", "steps_per_second", *RATIOS}
     assert f"native walker: {found['lanes']} lane" in printed
     assert "EnvPool was not measured: it is not installed" in printed
     rates = found["steps_per_second"]
@@ -150,7 +150,7 @@ def test_the_command_gives_a_table_and_json(
     assert all((rate is None) == (int(width) > found["lanes"]) for width, rate in by_lanes.items())
     assert all(rate > 0 for side in ("bitneat", "gymnasium") for rate in numbers(rates[side]))
     assert found["gymnasium_ratio"] == rates["bitneat"]["one_core"] / rates["gymnasium"]["one_core"]
-    for line in data["measurements"]:
+    for line in found["measurements"]:
         assert f"| {line['what']} " in printed
 
 
