@@ -36,11 +36,14 @@ def choose_simulator(spec: EnvironmentSpec, wanted: str) -> str:
     Raises:
         BitneatError: if the native simulator is wanted and does not serve the environment.
     """
+    from bitneat.native import build
     from bitneat.sim import bipedal
     from bitneat.sim.walker.original import obstacle
 
     if wanted == "gymnasium":
         return wanted
+    if sys.stderr.isatty():
+        build.announce = _announce
     reason = obstacle(spec)
     if reason is None:
         return "native"
@@ -49,6 +52,10 @@ def choose_simulator(spec: EnvironmentSpec, wanted: str) -> str:
     if bipedal.is_walker(spec):
         print(f"bitneat: the native simulator, which is much faster, cannot be used: {reason}", file=sys.stderr)
     return "auto"
+
+
+def _announce(name: str) -> None:
+    print(f"bitneat: compiling {name}, once; it takes some seconds", file=sys.stderr, flush=True)
 
 
 def evaluator_for(

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,9 @@ from bitneat.native.compiler import Compiler, CompilerError, host_compiler
 _HEADER_SUFFIXES = frozenset({".h", ".hpp", ".inc"})
 _INCLUDED_SOURCE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+\.c)"', re.MULTILINE)
 _UNUSED_AFTER_SECONDS = 30 * 24 * 3600
+
+announce: Callable[[str], None] | None = None
+"""Called with a library's name before it is compiled, which may take seconds; the command line tells its user."""
 
 
 def shared_library(
@@ -66,6 +69,8 @@ def shared_library(
         *(str(source) for source in sources),
         *(argument for argument in arguments if argument.startswith("-l")),
     ]
+    if announce is not None:
+        announce(name)
     _build(compiler, command, target, what=str(sources[0]))
     _drop_unused(target.parent)
     return target
