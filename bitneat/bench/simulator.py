@@ -24,8 +24,8 @@ from bitneat.controller import Controller
 from bitneat.evolve.pool import WorkerPool
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeRunner, make
+from bitneat.sim.walker.binding import LANE_WIDTHS, lane_width
 from bitneat.sim.walker.episodes import ACTION, run_episodes
-from bitneat.sim.walker.library import LANE_WIDTHS, lane_width
 from bitneat.sim.walker.vector import WalkerVectorEnv
 
 Goal: TypeAlias = tuple[int, int]

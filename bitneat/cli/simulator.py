@@ -64,7 +64,7 @@ def evaluator_for(
     """The evaluator, and, of the native simulator, what compares it with Gymnasium now and then."""
     from bitneat.evolve.evaluation import GymnasiumEvaluator, NativeWalkerEvaluator
     from bitneat.evolve.recheck import Recheck
-    from bitneat.sim.walker.library import default_threads
+    from bitneat.sim.walker.binding import default_threads
 
     workers = workers or default_threads()
     if simulator == "native":

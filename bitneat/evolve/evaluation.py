@@ -17,8 +17,8 @@ from bitneat.evolve.pool import WorkerPool
 from bitneat.runtime import RuntimeController
 from bitneat.sim import bipedal
 from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping, allow_imports, allowed_imports
+from bitneat.sim.walker.binding import MAX_THREADS
 from bitneat.sim.walker.episodes import evaluate as evaluate_natively
-from bitneat.sim.walker.library import MAX_THREADS
 
 
 class Evaluator(Protocol):

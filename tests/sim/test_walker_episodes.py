@@ -10,7 +10,7 @@ import pytest
 
 from bitneat.errors import BitneatError
 from bitneat.sim.walker import episodes, run_episodes
-from bitneat.sim.walker.library import lane_width
+from bitneat.sim.walker.binding import lane_width
 from tests.sim.walkers import champion
 
 

@@ -17,8 +17,8 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Controller, Signal
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeRunner, Shaping, used_inputs
+from bitneat.sim.walker.binding import LANE_WIDTHS
 from bitneat.sim.walker.episodes import ACTION, evaluate, run_episodes
-from bitneat.sim.walker.library import LANE_WIDTHS
 from tests.sim.walkers import FULL, POLICIES, Episode, NativeWalkers, Record, champion, compare, record
 from tests.strategies import random_controller
 

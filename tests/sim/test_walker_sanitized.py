@@ -13,7 +13,7 @@ import pytest
 from bitneat.native.compiler import host_compiler
 from bitneat.runtime import pack_for_runtime
 from bitneat.sim.environment import Shaping, decode_table, used_inputs
-from bitneat.sim.walker import library as native
+from bitneat.sim.walker import binding as native
 from bitneat.sim.walker.episodes import ACTION, FIRST_RAY, evaluate
 from tests.sim.walker_builds import program
 from tests.sim.walkers import NativeWalkers, champion

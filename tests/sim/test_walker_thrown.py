@@ -17,7 +17,7 @@ import pytest
 from gymnasium.envs.box2d import bipedal_walker as original
 
 from bitneat.native.build import shared_library
-from bitneat.sim.walker import library as native
+from bitneat.sim.walker import binding as native
 from tests.sim.walkers import POLICIES, NativeWalkers, Rng, differing
 
 STEPS = 120

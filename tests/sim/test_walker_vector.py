@@ -21,7 +21,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import bitneat.sim.walker
 from bitneat.errors import BitneatError
 from bitneat.sim import WalkerVectorEnv
-from bitneat.sim.walker.library import LANE_WIDTHS, ffi, library
+from bitneat.sim.walker.binding import LANE_WIDTHS, ffi, library
 
 Floats = npt.NDArray[np.float32]
 Step = tuple[Any, Any, Any, Any, dict[str, Any]]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.native.compiler import host_compiler
-from bitneat.sim.walker import library as native
+from bitneat.sim.walker import binding as native
 
 _OTHER_WIDTHS = """
 #include <stdlib.h>

@@ -24,7 +24,8 @@ from gymnasium.envs.box2d import bipedal_walker as original
 from bitneat import champion as champions
 from bitneat.controller import Controller, Encoder
 from bitneat.runtime import RuntimeController
-from bitneat.sim.walker import library as native
+from bitneat.sim.walker import binding as native
+from bitneat.sim.walker.binding import library as native_library
 from bitneat.sim.walker.episodes import ACTION
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -181,7 +182,7 @@ class NativeWalkers:
     """The C step API, without the vector environment above it. ``library`` may be another build of it."""
 
     def __init__(self, count: int, *, library: Any = None, lanes: int | None = None, threads: int = 1) -> None:
-        self._library = library or native.library()
+        self._library = library or native_library()
         self._lanes = native.lane_width(lanes)
         self._threads = threads
         # Some vectors in it may have to be aligned, which cffi's own memory is to 16 bytes only.

@@ -17,7 +17,7 @@ from bitneat.controller import BoxAction, Controller
 from bitneat.errors import BitneatError
 from bitneat.runtime import OpenBlob, pack_for_runtime
 from bitneat.sim.environment import EpisodeResult, Shaping, decode_table, used_inputs
-from bitneat.sim.walker.library import (
+from bitneat.sim.walker.binding import (
     MAX_THREADS,
     default_threads,
     ffi,

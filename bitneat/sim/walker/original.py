@@ -10,7 +10,7 @@ from functools import cache
 from bitneat.champion import EnvironmentSpec
 from bitneat.errors import BitneatError
 from bitneat.sim import bipedal
-from bitneat.sim.walker.library import library
+from bitneat.sim.walker.binding import library
 
 _KNOWN_SOURCE = "bbc717eeff5f564e20fca9f2dfd414bdeb896c9e440e8e3a80dfa2d56cd52592"
 """SHA-256 of those parts of Gymnasium 1.4's source that `bipedal.serves` does not look at, but the C repeats."""

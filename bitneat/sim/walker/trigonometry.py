@@ -11,7 +11,7 @@ from __future__ import annotations
 from bitneat.champion import EnvironmentSpec
 from bitneat.errors import BitneatError
 from bitneat.sim import bipedal
-from bitneat.sim.walker.library import library
+from bitneat.sim.walker.binding import library
 
 
 def probe() -> str | None:

@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from bitneat.errors import BitneatError
-from bitneat.sim.walker.library import (
+from bitneat.sim.walker.binding import (
     LANE_WIDTHS,
     MAX_THREADS,
     default_threads,
