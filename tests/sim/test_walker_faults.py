@@ -35,8 +35,8 @@ EPISODES = (
 FAULTS = (
     Fault("slop", "geometry.h", "#define LINEAR_SLOP 0.005f", "#define LINEAR_SLOP 0.00501f"),
     Fault("gravity", "walker.c", "#define GRAVITY (-10.0f)", "#define GRAVITY (-9.81f)"),
-    Fault("friction of legs", "walker.c", "mix_friction(2.5f, 0.2f)", "mix_friction(2.5f, 0.2001f)"),
-    Fault("friction of hull", "walker.c", "mix_friction(2.5f, 0.1f)", "mix_friction(2.5f, 0.11f)"),
+    Fault("friction of legs", "model.c", "mix_friction(2.5f, 0.2f)", "mix_friction(2.5f, 0.2001f)"),
+    Fault("friction of hull", "model.c", "mix_friction(2.5f, 0.1f)", "mix_friction(2.5f, 0.11f)"),
     Fault(
         "order of joints",
         "solver.c",
@@ -72,12 +72,12 @@ FAULTS = (
     Fault("contact stays disabled", "walker.c", "    contact->enabled = true;\n    for", "    for"),
     Fault("no sleep", "walker.c", "if (shortest < TIME_TO_SLEEP || !w->positions_solved) {", "if (true) {"),
     Fault("restless sleep", "walker.c", "shortest < TIME_TO_SLEEP || !w->positions_solved", "shortest < TIME_TO_SLEEP"),
-    Fault("rays", "walker.c", "1.5 * i / 10.0", "1.5 * i / 9.0"),
+    Fault("rays", "model.c", "1.5 * i / 10.0", "1.5 * i / 9.0"),
     Fault("starting force", "walker.c", "w->force = ground->start_force;", ""),
     Fault("torque limit", "walker.c", "80.0f * (size < 1.0f ? size : 1.0f)", "80.0f * size"),
-    Fault("price of torque", "walker.c", "(float)(0.00035 * 80)", "0.02800001f"),
-    Fault("left end", "walker.c", "w->fallen || x < 0.0;", "w->fallen;"),
-    Fault("finish", "walker.c", "(TERRAIN_LENGTH - 10) * terrain_step", "(TERRAIN_LENGTH - 9) * terrain_step"),
+    Fault("price of torque", "model.c", "(float)(0.00035 * 80)", "0.02800001f"),
+    Fault("left end", "observe.c", "w->fallen || x < 0.0;", "w->fallen;"),
+    Fault("finish", "model.c", "(TERRAIN_LENGTH - 10) * terrain_step", "(TERRAIN_LENGTH - 9) * terrain_step"),
 )
 
 

@@ -26,6 +26,8 @@ FLAGS = ("-std=gnu11", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-e
 _SOURCES = (
     "collide",
     "impact",
+    "model",
+    "observe",
     "simulator",
     "solver_1",
     "solver_4",
