@@ -19,9 +19,11 @@ from typing import Any
 from bitneat.controller import Action, Controller, action_from_data
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped, write_atomic
+from bitneat.network import FloatNetwork, network_from_data
 from bitneat.unpickle import MAX_DEPTH, UnpickleError, read
 
 FORMAT = "bitneat-champion"
+FLOAT_FORMAT = "bitneat-float-champion"
 VERSION = 1
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_VALUES = 1_000_000
@@ -76,20 +78,51 @@ class Champion:
         }
 
 
-def from_data(data: object) -> Champion:
-    """Read a champion from plain data.
+@dataclass(frozen=True)
+class FloatChampion:
+    """A float network with its context, as of `Champion`; there is no C for it."""
+
+    network: FloatNetwork
+    action: Action
+    environment: EnvironmentSpec | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.action.num_outputs != len(self.network.outputs):
+            raise ChampionError(
+                f"action: needs {self.action.num_outputs} outputs, the network has {len(self.network.outputs)}"
+            )
+
+    def to_data(self) -> dict[str, Any]:
+        """The whole champion as plain data."""
+        return {
+            "format": FLOAT_FORMAT,
+            "version": VERSION,
+            "network": self.network.to_data(),
+            "environment": None if self.environment is None else self.environment.to_data(),
+            "action": self.action.to_data(),
+            "provenance": dict(self.provenance),
+        }
+
+
+AnyChampion = Champion | FloatChampion
+
+
+def any_from_data(data: object) -> AnyChampion:
+    """Read a champion of either kind from plain data.
 
     Raises:
         BitneatError: naming the field that is missing, unknown or wrong.
     """
-    if not isinstance(data, Mapping) or data.get("format") != FORMAT:
+    if not isinstance(data, Mapping) or data.get("format") not in (FORMAT, FLOAT_FORMAT):
         raise ChampionError(f"not a champion: expected a mapping with 'format': {FORMAT!r}")
+    content = "controller" if data["format"] == FORMAT else "network"
     version = data.get("version")
     if type(version) is int and version > VERSION:
         raise ChampionError(f"version: {version} was written by a newer bitneat, this one reads {VERSION}")
     if type(version) is not int or version != VERSION:
         raise ChampionError(f"version: expected {VERSION}, got {version!r:.40}")
-    expected = {"format", "version", "controller", "environment", "action", "provenance"}
+    expected = {"format", "version", content, "environment", "action", "provenance"}
     for key in sorted(expected - set(data)):
         raise ChampionError(f"missing key {key!r}")
     for key in data:
@@ -97,13 +130,25 @@ def from_data(data: object) -> Champion:
             raise ChampionError(f"unknown key {key!r:.60}")
     if not isinstance(data["provenance"], Mapping):
         raise ChampionError("provenance: expected a mapping")
-    environment = data["environment"]
-    return Champion(
-        controller=Controller.from_data(data["controller"]),
-        action=action_from_data(data["action"]),
-        environment=None if environment is None else environment_from_data(environment),
-        provenance=dict(data["provenance"]),
-    )
+    environment = None if data["environment"] is None else environment_from_data(data["environment"])
+    action, provenance = action_from_data(data["action"]), dict(data["provenance"])
+    if content == "network":
+        return FloatChampion(network_from_data(data["network"]), action, environment, provenance)
+    return Champion(Controller.from_data(data["controller"]), action, environment, provenance)
+
+
+def from_data(data: object) -> Champion:
+    """Read a champion from plain data.
+
+    Raises:
+        BitneatError: naming the field that is missing, unknown or wrong; or if it holds a float network.
+    """
+    champion = any_from_data(data)
+    if isinstance(champion, FloatChampion):
+        raise ChampionError(
+            "holds a float network, expected an integer controller; make it one with `bitneat quantize FILE --to ternary`"
+        )
+    return champion
 
 
 def environment_from_data(data: object) -> EnvironmentSpec:
@@ -137,26 +182,39 @@ def load(path: str | Path) -> Champion:
         raise ChampionError(f"{path}: {error}") from None
 
 
+def load_any(path: str | Path) -> AnyChampion:
+    """As `load`, float networks too."""
+    content = read_capped(path, MAX_FILE_BYTES)
+    try:
+        return any_from_data(_plain(content))
+    except BitneatError as error:
+        raise ChampionError(f"{path}: {error}") from None
+
+
 def loads(content: bytes) -> Champion:
     """Read a champion from the bytes of either form.
 
     Raises:
-        BitneatError: if it is truncated, hostile, foreign or of a later version.
+        BitneatError: if it is truncated, hostile, foreign or of a later version, or holds a float network.
     """
+    return from_data(_plain(content))
+
+
+def _plain(content: bytes) -> Any:
+    """The plain data in a file's bytes, whichever of the two forms it has."""
     if len(content) > MAX_FILE_BYTES:
         raise ChampionError(f"not a champion: larger than {MAX_FILE_BYTES} bytes")
     if not content:
         raise ChampionError("not a champion: the file is empty")
-    data = _plain_json(content) if content.lstrip()[:1] == b"{" else plain_pickle(content)
-    return from_data(data)
+    return _plain_json(content) if content.lstrip()[:1] == b"{" else plain_pickle(content)
 
 
-def dumps(champion: Champion) -> str:
+def dumps(champion: AnyChampion) -> str:
     """The champion as JSON text, ended by a newline."""
     return json.dumps(plain_data(champion.to_data()), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
 
 
-def dump_pickle(champion: Champion) -> bytes:
+def dump_pickle(champion: AnyChampion) -> bytes:
     """The champion as a pickle: the same bytes for equal champions, however their parts are shared in memory."""
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer, protocol=4)
@@ -166,12 +224,12 @@ def dump_pickle(champion: Champion) -> bytes:
     return buffer.getvalue()
 
 
-def save_pickle(champion: Champion, path: str | Path) -> None:
+def save_pickle(champion: AnyChampion, path: str | Path) -> None:
     """Write ``champion.pkl``, atomically."""
     write_atomic(path, dump_pickle(champion))
 
 
-def save_json(champion: Champion, path: str | Path) -> None:
+def save_json(champion: AnyChampion, path: str | Path) -> None:
     """Write ``champion.json``, atomically."""
     write_atomic(path, dumps(champion).encode("ascii"))
 
