@@ -153,6 +153,10 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "risk": Real(0.0, 0.0, 100.0),
         "size_pressure": Real(0.5, 0.0, 1.0),
         "max_total_steps": Whole(0, 0, 10**15),
+        "linear_generations": Whole(0, 0, 1_000_000),
+        "linear_population": Whole(64, 4, 100_000),
+        "linear_episodes": Whole(4, 1, 10_000),
+        "linear_walks_at": Real(150.0, -1e9, 1e9),
     },
     "NEAT": {
         "pop_size": Whole(150, 2, 1_000_000),
@@ -397,6 +401,8 @@ def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> No
     if evolve["fall_ramp_end"] < evolve["fall_ramp_start"]:
         raise ConfigError(f"{where}: [evolve] fall_ramp_end: expected at least fall_ramp_start")
     neat = sections["NEAT"]
+    if evolve["linear_generations"] and neat["genome"] != "BitGenome":
+        raise ConfigError(f"{where}: [evolve] linear_generations: a linear start is for BitGenome")
     for key in ("min_species_size", "elitism"):
         value = sections[neat["reproduction"]].get(key, 0)
         if type(value) is int and value > neat["pop_size"]:

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
-from bitneat.evolve.genome import BitConnectionGene, BitGenome
+from bitneat.errors import BitneatError
+from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
 from bitneat.evolve.linear import signed_powers
 from bitneat.evolve.plain import PlainGenome, wiring
 from bitneat.network import FloatNetwork, FloatNode, Policy
@@ -46,6 +47,43 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
         nodes.append(Node(tuple(sources), gene.bias * one, gain, gene.activation))
     outputs = tuple(Signal(number[key]) for key in range(num_outputs))
     return Controller(inputs, tuple(nodes), outputs, frac_bits).canonical
+
+
+def genome_from_controller(key: int, controller: Controller, settings: BitGenomeConfig) -> BitGenome:
+    """A genome that lowers to a ternary controller again.
+
+    Raises:
+        BitneatError: if the controller is not ternary, reads one source twice, or an output in the same step: no genome does.
+    """
+    genome = BitGenome(key)
+    first = len(controller.inputs)
+    keys = {index: -1 - index for index in range(first)}
+    for place, output in enumerate(controller.outputs):
+        if isinstance(output, Constant) or output.index in keys:
+            raise BitneatError(
+                f"outputs[{place}]: is a constant, an input or another output's node; no genome has that"
+            )
+        keys[output.index] = place
+    genome.nodes = {place: BitNodeGene(place) for place in range(len(controller.outputs))}
+    for index in range(first, controller.num_signals):
+        if index not in keys:
+            keys[index] = settings.get_new_node_key(genome.nodes)
+            genome.nodes[keys[index]] = BitNodeGene(keys[index])
+    for index, node in enumerate(controller.nodes, start=first):
+        gene = genome.nodes[keys[index]]
+        gene.gain, gene.activation, gene.bias = node.gain, node.activation, node.bias // controller.one
+        if gene.bias not in (-1, 0, 1) or gene.bias * controller.one != node.bias:
+            raise BitneatError(f"nodes[{index - first}].bias: {node.bias} is not 0 or ±2^F")
+        for place, link in enumerate(node.links):
+            ends = keys[link.source], keys[index]
+            reads_output = 0 <= ends[0] < len(controller.outputs) and not link.delay
+            if link.shift or reads_output or ends in genome.connections:
+                raise BitneatError(f"nodes[{index - first}].links[{place}]: has no equal in a genome")
+            innovation = settings.innovation_tracker.get_innovation_number(*ends, "add_connection")
+            gene_link = BitConnectionGene(ends, innovation=innovation)
+            gene_link.weight, gene_link.enabled, gene_link.delay = link.sign, True, link.delay
+            genome.connections[ends] = gene_link
+    return genome
 
 
 def lower_float(genome: PlainGenome, num_inputs: int, num_outputs: int) -> FloatNetwork:

@@ -20,11 +20,16 @@ from bitneat.evolve.config import SPECIES_SETS, Config
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.genome import Indexer
 from bitneat.evolve.kinds import Kind, kind_for
+from bitneat.evolve.linear import LinearSearch
+from bitneat.evolve.lowering import genome_from_controller
 from bitneat.evolve.plain_reproduction import PlainReproduction, PlainSpeciesSet, PlainStagnation, SoftmaxReproduction
 from bitneat.evolve.randomness import Streams, report_seeds, selection_seeds
 from bitneat.evolve.reproduction import BitReproduction, BitSpeciesSet, NoStagnation, Settings
 from bitneat.network import FloatNetwork, Policy, network_from_data
 from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, Shaping, default_inputs
+
+LINEAR_RESOLUTION = 4
+"""The linear start ends in ternary controllers with weights in halves to sixteenths."""
 
 
 @dataclass(frozen=True)
@@ -170,11 +175,29 @@ class Search:
         self._neat_config = neat_config(config, self.kind)
         with self.streams.neat():
             self.population = Population(self._neat_config)
+        settings = config["evolve"]
+        self.linear: LinearSearch | None = None
+        if settings["linear_generations"]:
+            self.linear = LinearSearch(
+                self.inputs,
+                info.action.num_outputs,
+                settings["frac_bits"],
+                seed,
+                population=settings["linear_population"],
+                episodes=settings["linear_episodes"],
+                fall_reward=settings["fall_reward"],
+                walks_at=settings["linear_walks_at"],
+            )
 
     @property
     def generation(self) -> int:
-        """Generations completed."""
-        return int(self.population.generation)
+        """Generations completed, those of the linear start included."""
+        return int(self.population.generation) + (self.linear.generation if self.linear else 0)
+
+    @property
+    def starting(self) -> bool:
+        """True while the linear start is not over."""
+        return self.linear is not None and self.linear.generation < self.config["evolve"]["linear_generations"]
 
     @property
     def frac_bits(self) -> int:
@@ -184,11 +207,55 @@ class Search:
     def advance(self, evaluator: Evaluator) -> Generation:
         """Run one generation and breed the next."""
         self._evaluator = evaluator
+        if self.linear is not None and self.starting:
+            return self._advance_linear(self.linear, evaluator)
         keys = set(self.population.population)
         with self.streams.neat():
             self.population.run(self._assign_fitness, 1)
         self._previous_keys = keys
         return self.history[-1]
+
+    def _advance_linear(self, linear: LinearSearch, evaluator: Evaluator) -> Generation:
+        """One generation of the linear start; with its last one the population is made anew from its policy."""
+        row = linear.advance(evaluator)
+        policy = linear.ternary(LINEAR_RESOLUTION)
+        self._try(policy, evaluator)
+        self.history.append(
+            Generation(
+                generation=self.generation - 1,
+                best=row.best,
+                mean=row.median,
+                selection=self.candidates[0].mean,
+                species=1,
+                best_nodes=len(policy.nodes),
+                best_links=policy.num_links,
+                mean_links=float(policy.num_links),
+                duplicates=0,
+                episodes=row.episodes,
+                steps=row.steps,
+            )
+        )
+        if not self.starting:
+            with self.streams.neat():
+                self._populate([linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)])
+        return self.history[-1]
+
+    def _populate(self, controllers: Sequence[Controller]) -> None:
+        """A population of these controllers' genomes in turn, all but the first of each mutated."""
+        settings = self._neat_config.genome_config
+        settings.innovation_tracker = self.population.reproduction.innovation_tracker
+        ancestors = [genome_from_controller(0, controller, settings) for controller in controllers]
+        population: dict[int, Any] = {}
+        for index in range(self.config["NEAT"]["pop_size"]):
+            key = next(self.population.reproduction.genome_indexer)
+            genome = self.kind.genome_type(key)
+            genome.configure_clone(ancestors[index % len(ancestors)])
+            if index >= len(ancestors):
+                genome.mutate(settings)
+            population[key] = genome
+        self.population.population = population
+        self.population.species.species.clear()
+        self.population.species.speciate(self._neat_config, population, 0)
 
     @property
     def total_steps(self) -> int:
@@ -234,7 +301,8 @@ class Search:
         """How the search's reward differs from the official one in the present generation."""
         settings = self.config["evolve"]
         start, end = settings["fall_ramp_start"], settings["fall_ramp_end"]
-        done = (self.generation - start) / (end - start) if end > start else float(self.generation >= end)
+        generation = int(self.population.generation)
+        done = (generation - start) / (end - start) if end > start else float(generation >= end)
         done = min(max(done, 0.0), 1.0)
         return Shaping(
             fall_reward=settings["fall_reward"],
@@ -303,7 +371,10 @@ class Search:
         """Try the generation's best by official reward on the selection seeds, and keep it if it is among the best so far."""
         last = [e for e in ranked if e.stage == ranked[0].stage]
         leader = max(last, key=lambda e: statistics.fmean(episode.reward for episode in e.all_episodes))
-        policy = leader.controller
+        self._try(leader.controller, evaluator)
+
+    def _try(self, policy: Policy, evaluator: Evaluator) -> None:
+        """Run a policy on the selection seeds, unless it is a candidate already, and keep the best candidates."""
         if any(c.controller.sha256 == policy.sha256 for c in self.candidates):
             return
         seeds = selection_seeds(self.config["evolve"]["selection_episodes"])
@@ -340,7 +411,8 @@ class Search:
         species_set: BitSpeciesSet | PlainSpeciesSet = self.population.species
         reproduction = self.population.reproduction
         return {
-            "generation": self.generation,
+            "generation": int(self.population.generation),
+            "linear": None if self.linear is None else self.linear.to_data(),
             "population": [self.kind.to_data(genome) for genome in self.population.population.values()],
             "previous_keys": sorted(self._previous_keys),
             "species": [
@@ -393,6 +465,8 @@ class Search:
         self.population.reproduction.innovation_tracker.global_counter = innovations
         self._neat_config.genome_config.node_indexer = Indexer(next_node)
         self._previous_keys = {_whole(key, "previous_keys") for key in data["previous_keys"]}
+        if self.linear is not None:
+            self.linear.restore(data["linear"])
         self.streams.restore(data["streams"])
         self.candidates = [Candidate.from_data(entry) for entry in data["candidates"]]
         for candidate in self.candidates:
