@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.controller import Constant, Controller, ControllerError, Input, Link, Node, Signal
+from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import GAIN_RANGE, MAX_SIGNALS, SHIFT_RANGE
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
@@ -146,20 +147,6 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
     return controller
 
 
-def signed_digits(value: int) -> list[tuple[int, int]]:
-    """The canonical signed digits of an integer: (sign, shift) with no two neighbouring shifts."""
-    digits = []
-    shift = 0
-    while value:
-        if value & 1:
-            digit = 2 - (value & 3)  # 1 or -1, whichever leaves a number divisible by four
-            digits.append((digit, shift))
-            value -= digit
-        value >>= 1
-        shift += 1
-    return digits
-
-
 def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int, int], frac_bits: int) -> Node:
     where = f"node {key}"
     activation, aggregation = getattr(gene, "activation", None), getattr(gene, "aggregation", None)
@@ -177,7 +164,7 @@ def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int,
     bias = bias >> gain if gain > 0 else bias << -gain
     links = []
     for source, weight in sources:
-        for sign, shift in signed_digits(weight):
+        for shift, sign in signed_powers(weight):
             if shift > SHIFT_RANGE[1]:
                 raise GenomeImportError(
                     f"connection {source} -> {key}: weight {weight} is too large for shifts up to 7"

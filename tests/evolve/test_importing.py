@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import pickle
 import random
-from itertools import pairwise
 from pathlib import Path
 
 import neat
@@ -16,7 +15,7 @@ from bitneat import champion as champions
 from bitneat.cli.main import main
 from bitneat.controller import Input, Reference
 from bitneat.errors import BitneatError
-from bitneat.evolve.importing import NeatShape, convert, read_genome, read_shape, signed_digits
+from bitneat.evolve.importing import NeatShape, convert, read_genome, read_shape
 
 CONFIG = """
 [NEAT]
@@ -122,14 +121,6 @@ def test_integer_genomes_compute_what_neat_python_computes(config_file: Path) ->
             expected = network.activate([value / 4096 for value in values])
             found = [y / 4096 for y in reference.step(values)]
             assert found == pytest.approx([max(-LARGEST, min(LARGEST, y)) for y in expected], abs=0.08), f"seed {seed}"
-
-
-def test_signed_digits_are_canonical() -> None:
-    for value in range(-600, 601):
-        digits = signed_digits(value)
-        assert sum(sign << shift if sign > 0 else -(1 << shift) for sign, shift in digits) == value
-        shifts = [shift for _, shift in digits]
-        assert all(b - a >= 2 for a, b in pairwise(shifts))
 
 
 def change(genome: object, part: str, **values: object) -> object:
