@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from bitneat.controller import Action, BoxAction
+from bitneat.controller import Action, BoxAction, Controller
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
@@ -188,6 +188,10 @@ class FloatNetwork:
         }
 
 
+Policy = Controller | FloatNetwork
+"""What runs in an episode."""
+
+
 def network_from_data(data: object) -> FloatNetwork:
     """Read what `FloatNetwork.to_data` wrote.
 
@@ -220,7 +224,9 @@ def decode(action: Action, outputs: Sequence[float]) -> int | npt.NDArray[Any]:
     if not isinstance(action, BoxAction):
         return action.start + int(values.argmax())
     low = np.array(action.low)
-    scaled = low + (np.clip(values, -1.0, 1.0) + 1.0) / 2.0 * (np.array(action.high) - low)
+    clipped = np.where(values < 1.0, values, 1.0)  # an output that is no number counts as 1
+    clipped = np.where(clipped > -1.0, clipped, -1.0)
+    scaled = low + (clipped + 1.0) / 2.0 * (np.array(action.high) - low)
     decoded: npt.NDArray[Any] = scaled.astype(action.dtype).reshape(action.shape)
     return decoded
 

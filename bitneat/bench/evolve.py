@@ -19,6 +19,7 @@ from bitneat.evolve.config import load, preset_for
 from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
 from bitneat.evolve.run import RunFolder, RunSettings
 from bitneat.evolve.search import Search
+from bitneat.network import Policy
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeResult, Shaping, inspect
 
@@ -40,10 +41,11 @@ class _Diary:
         self.episodes: list[tuple[Controller, int, int]] = []
 
     def evaluate(
-        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
     ) -> list[list[EpisodeResult]]:
         results = self._evaluator.evaluate(controllers, seeds, shaping)
         for controller, episodes in zip(controllers, results, strict=True):
+            assert isinstance(controller, Controller)  # the preset's genome has no float weights
             self.episodes += [(controller, seed, result.steps) for seed, result in zip(seeds, episodes, strict=True)]
         return results
 

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 
 def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
     """What ``--json`` says."""
-    controller = outcome.champion.controller
+    controller = outcome.candidate.controller
     assert outcome.champion.environment is not None
     return {
         "run": str(folder.path),
@@ -219,7 +219,7 @@ def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
     if not outcome.finished:
         print("stopped by --time")
     print_champion(summary(folder, outcome))
-    if not has_path(outcome.champion.controller):
+    if not has_path(outcome.candidate.controller):
         print(
             "warning: the champion has no path from any input to an output; evolve longer, or with a larger population"
         )

@@ -7,13 +7,22 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bitneat.controller import Controller
+    from bitneat.network import Policy
 
 
-def controller_data(controller: Controller) -> dict[str, Any]:
-    """The ``controller`` of a command's JSON."""
+def controller_data(controller: Policy) -> dict[str, Any]:
+    """The ``controller`` of a command's JSON; a float network is not ternary and has no packed form."""
     from bitneat.controller.packing import pack
+    from bitneat.network import FloatNetwork
 
+    if isinstance(controller, FloatNetwork):
+        return {
+            "sha256": controller.sha256,
+            "ternary": False,
+            "nodes": len(controller.nodes),
+            "links": controller.num_links,
+            "packed_bytes": None,
+        }
     return {
         "sha256": controller.sha256,
         "ternary": controller.is_ternary,
@@ -26,9 +35,10 @@ def controller_data(controller: Controller) -> dict[str, Any]:
 def print_champion(summary: Mapping[str, Any]) -> None:
     """Two lines about a champion: its ``held_out`` score and its size, and the file it is in."""
     score, controller = summary["held_out"], summary["controller"]
+    size = "float weights" if controller["packed_bytes"] is None else f"{controller['packed_bytes']} bytes packed"
     print(
         f"champion: {score['mean']:.1f} ± {score['std']:.1f} over {score['episodes']} held-out episodes"
         f" (min {score['min']:.1f}, max {score['max']:.1f}), {controller['nodes']} nodes, {controller['links']} links,"
-        f" {controller['packed_bytes']} bytes packed"
+        f" {size}"
     )
     print(f"written: {summary['champion']}")

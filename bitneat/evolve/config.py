@@ -26,6 +26,9 @@ from bitneat.files import read_capped
 
 MAX_CONFIG_BYTES = 1 << 20
 
+PAPER_ACTIVATIONS = ("clamped", "identity", "sin", "gauss", "tanh", "sigmoid", "abs", "relu")
+"""The eight of the Bit-Pedal Walker paper; its "linear" is the identity."""
+
 
 class ConfigError(BitneatError):
     """A configuration is wrong; the message names file, section, key and what was expected."""
@@ -149,9 +152,18 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "stall_gain": Real(0.0, 0.0, 1e9),
         "risk": Real(0.0, 0.0, 100.0),
         "size_pressure": Real(0.5, 0.0, 1.0),
+        "max_total_steps": Whole(0, 0, 10**15),
+        "linear_generations": Whole(0, 0, 1_000_000),
+        "linear_population": Whole(64, 4, 100_000),
+        "linear_episodes": Whole(4, 1, 10_000),
+        "linear_walks_at": Real(150.0, -1e9, 1e9),
     },
     "NEAT": {
         "pop_size": Whole(150, 2, 1_000_000),
+        "genome": Words(("BitGenome",), ("BitGenome", "WeightAgnostic", "PlainGenome"), single=True),
+        "reproduction": Words(
+            ("BitReproduction",), ("BitReproduction", "PlainReproduction", "SoftmaxReproduction"), single=True
+        ),
     },
     "BitGenome": {
         "activations": Words(("clamped", "hat", "step", "abs"), ACTIVATION_NAMES),
@@ -181,6 +193,33 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "compatibility_disjoint_coefficient": Real(1.0, 0.0, 100.0),
         "compatibility_weight_coefficient": Real(0.5, 0.0, 100.0),
     },
+    "WeightAgnostic": {
+        "shared_weights": Series((-2.0, -1.0, -0.5, 0.5, 1.0, 2.0), -8.0, 8.0, whole=False, rising=1),
+    },
+    "PlainGenome": {
+        "weights": Words(("float",), ("float", "integer", "ternary"), single=True),
+        "initial_connection": Words(("full_direct",), ("full_direct", "unconnected"), single=True),
+        "activations": Words(PAPER_ACTIVATIONS, ACTIVATION_NAMES),
+        "activation_default": Words(("clamped",), (*ACTIVATION_NAMES, "random"), single=True),
+        "activation_mutate_rate": Real(0.4, 0.0, 1.0),
+        "conn_add_prob": Real(0.6, 0.0, 1.0),
+        "conn_delete_prob": Real(0.4, 0.0, 1.0),
+        "node_add_prob": Real(0.6, 0.0, 1.0),
+        "node_delete_prob": Real(0.4, 0.0, 1.0),
+        "enabled_mutate_rate": Real(0.01, 0.0, 1.0),
+        "weight_init_stdev": Real(1.0, 0.0, 100.0),
+        "weight_mutate_rate": Real(0.8, 0.0, 1.0),
+        "weight_mutate_power": Real(0.5, 0.0, 100.0),
+        "weight_replace_rate": Real(0.1, 0.0, 1.0),
+        "weight_max": Real(30.0, 1.0, 128.0),
+        "bias_init_stdev": Real(1.0, 0.0, 100.0),
+        "bias_mutate_rate": Real(0.7, 0.0, 1.0),
+        "bias_mutate_power": Real(0.5, 0.0, 100.0),
+        "bias_replace_rate": Real(0.1, 0.0, 1.0),
+        "bias_max": Real(30.0, 0.0, 128.0),
+        "compatibility_disjoint_coefficient": Real(1.0, 0.0, 100.0),
+        "compatibility_weight_coefficient": Real(0.5, 0.0, 100.0),
+    },
     "BitSpeciesSet": {
         "compatibility_threshold": Real(3.0, 0.01, 100.0),
         "target_species": Whole(6, 1, 10_000),
@@ -193,7 +232,42 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "species_decay": Real(0.6, 0.01, 1.0),
         "tournament": Whole(2, 1, 100),
     },
+    "PlainSpeciesSet": {
+        "compatibility_threshold": Real(3.0, 0.01, 100.0),
+    },
+    "PlainReproduction": {
+        "elitism": Whole(2, 0, 1000),
+        "survival_threshold": Real(0.2, 0.001, 1.0),
+        "min_species_size": Whole(2, 1, 1000),
+        "max_stagnation": Whole(20, 1, 1_000_000),
+        "species_elitism": Whole(2, 1, 1000),
+    },
+    "SoftmaxReproduction": {
+        "beta": Real(0.03, 0.0, 1000.0),
+        "survival_threshold": Real(1.0, 0.001, 1.0),
+        "mutation_rate": Real(0.05, 0.0, 1.0),
+        "elitism": Whole(0, 0, 1000),
+    },
 }
+
+SPECIES_SETS: Mapping[str, str] = {
+    "BitReproduction": "BitSpeciesSet",
+    "PlainReproduction": "PlainSpeciesSet",
+    "SoftmaxReproduction": "PlainSpeciesSet",
+}
+"""How genomes are parted into species for each kind of reproduction."""
+
+_ALWAYS = ("evolve", "NEAT")
+
+
+def _in_use(sections: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The sections that the choices in [NEAT] make use of, in the schema's order."""
+    chosen = {sections["NEAT"][key] for key in ("genome", "reproduction")}
+    chosen.add(SPECIES_SETS[sections["NEAT"]["reproduction"]])
+    if "WeightAgnostic" in chosen:
+        chosen.add("BitGenome")  # which says how its topologies mutate
+    return [name for name in SCHEMA if name in _ALWAYS or name in chosen]
+
 
 PRESETS: Mapping[str, str] = {
     "BipedalWalker-v3": "bipedalwalker",
@@ -226,11 +300,11 @@ class Config:
 
     @cached_property
     def text(self) -> str:
-        """The whole configuration as an ini file, every key in the schema's order."""
+        """The whole configuration as an ini file: all keys of the sections in use, in the schema's order."""
         out = io.StringIO()
-        for section, entries in SCHEMA.items():
+        for section in _in_use(self.sections):
             out.write(f"[{section}]\n")
-            for key in entries:
+            for key in SCHEMA[section]:
                 out.write(f"{key} = {_shown(self.sections[section][key])}\n")
             out.write("\n")
         return out.getvalue().rstrip("\n") + "\n"
@@ -297,7 +371,16 @@ def parse(text: str, where: str) -> Config:
             except ValueError as error:
                 raise ConfigError(f"{where}: [{section}] {key} = {given}: {error}") from None
     _check_together(sections, where)
+    _refuse_unused(parser, sections, where)
     return Config(sections)
+
+
+def _refuse_unused(parser: configparser.ConfigParser, sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    """A section that nothing reads was meant for something else."""
+    used = _in_use(sections)
+    for section in parser.sections():
+        if section not in used:
+            raise ConfigError(f"{where}: [{section}] is not in use; what [NEAT] names reads {', '.join(used)}")
 
 
 def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
@@ -317,8 +400,21 @@ def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> No
         raise ConfigError(f"{where}: [BitGenome] mutate_*: expected at least one above 0")
     if evolve["fall_ramp_end"] < evolve["fall_ramp_start"]:
         raise ConfigError(f"{where}: [evolve] fall_ramp_end: expected at least fall_ramp_start")
-    if sections["BitReproduction"]["min_species_size"] > sections["NEAT"]["pop_size"]:
-        raise ConfigError(f"{where}: [BitReproduction] min_species_size: expected at most pop_size")
+    neat = sections["NEAT"]
+    if evolve["linear_generations"] and neat["genome"] != "BitGenome":
+        raise ConfigError(f"{where}: [evolve] linear_generations: a linear start is for BitGenome")
+    for key in ("min_species_size", "elitism"):
+        value = sections[neat["reproduction"]].get(key, 0)
+        if type(value) is int and value > neat["pop_size"]:
+            raise ConfigError(f"{where}: [{neat['reproduction']}] {key}: expected at most pop_size")
+    if (neat["genome"] == "PlainGenome") == (neat["reproduction"] == "BitReproduction"):
+        raise ConfigError(
+            f"{where}: [NEAT] reproduction: expected BitReproduction for BitGenome and WeightAgnostic,"
+            " PlainReproduction or SoftmaxReproduction for PlainGenome"
+        )
+    plain = sections["PlainGenome"]
+    if plain["activation_default"] not in (*plain["activations"], "random"):
+        raise ConfigError(f"{where}: [PlainGenome] activation_default: expected one of activations, or random")
 
 
 def _suggestion(key: str, known: Mapping[str, Any]) -> str:

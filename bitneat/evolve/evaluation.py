@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from bitneat.champion import EnvironmentSpec
-from bitneat.controller import Action, Controller
+from bitneat.controller import Action
 from bitneat.errors import BitneatError
 from bitneat.evolve.pool import WorkerPool
+from bitneat.network import FloatNetwork, Policy
 from bitneat.runtime import RuntimeController
 from bitneat.sim import bipedal
 from bitneat.sim.environment import EpisodeResult, EpisodeRunner, Shaping, allow_imports, allowed_imports
@@ -25,7 +26,7 @@ class Evaluator(Protocol):
     """Runs every controller on every seed."""
 
     def evaluate(
-        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
     ) -> list[list[EpisodeResult]]:
         """The episodes, by controller and then by seed."""
 
@@ -53,7 +54,7 @@ class GymnasiumEvaluator:
         self._seeds_a_job = 1 if max_steps > 600 else 4
 
     def evaluate(
-        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
     ) -> list[list[EpisodeResult]]:
         """The episodes, by controller and then by seed."""
         jobs = []
@@ -90,7 +91,7 @@ class NativeWalkerEvaluator:
         self._threads = min(workers, MAX_THREADS)
 
     def evaluate(
-        self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
     ) -> list[list[EpisodeResult]]:
         """The episodes, by controller and then by seed."""
         return evaluate_natively(
@@ -134,7 +135,7 @@ class EpisodeJobs:
 
     def _runner(self, blob: bytes) -> EpisodeRunner:
         if self._last is None or self._last[0] != blob:
-            controller: Controller = pickle.loads(blob)
-            policy = RuntimeController(controller)
+            controller: Policy = pickle.loads(blob)
+            policy = controller if isinstance(controller, FloatNetwork) else RuntimeController(controller)
             self._last = (blob, EpisodeRunner(self._spec, controller, self._action, policy, self._simulator))
         return self._last[1]

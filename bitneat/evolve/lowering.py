@@ -8,7 +8,11 @@ from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
-from bitneat.evolve.genome import BitConnectionGene, BitGenome
+from bitneat.errors import BitneatError
+from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
+from bitneat.evolve.linear import signed_powers
+from bitneat.evolve.plain import PlainGenome, wiring
+from bitneat.network import FloatNetwork, FloatNode, Policy
 
 _UNBOUNDED = frozenset({"identity", "relu", "abs"})
 
@@ -24,9 +28,7 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
     alive = _reached_from_inputs(links) | set(range(num_outputs))
     links = [link for link in links if link.key[1] in alive and (link.key[0] < 0 or link.key[0] in alive)]
     order = _evaluation_order(alive & set(genome.nodes), links, num_outputs)
-    first_node = len(inputs)
-    number = {-1 - index: index for index in range(first_node)}
-    number.update({key: first_node + position for position, key in enumerate(order)})
+    number = _signal_numbers(len(inputs), order)
     one = 1 << frac_bits
     reach = {-1 - index: entry.limit for index, entry in enumerate(inputs)}
     for key in order:
@@ -47,9 +49,119 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
     return Controller(inputs, tuple(nodes), outputs, frac_bits).canonical
 
 
-def has_path(controller: Controller) -> bool:
-    """True iff some output depends on an input; the controller must be canonical."""
+def genome_from_controller(key: int, controller: Controller, settings: BitGenomeConfig) -> BitGenome:
+    """A genome that lowers to a ternary controller again.
+
+    Raises:
+        BitneatError: if the controller is not ternary, reads one source twice, or an output in the same step: no genome does.
+    """
+    genome = BitGenome(key)
+    first = len(controller.inputs)
+    keys = {index: -1 - index for index in range(first)}
+    for place, output in enumerate(controller.outputs):
+        if isinstance(output, Constant) or output.index in keys:
+            raise BitneatError(
+                f"outputs[{place}]: is a constant, an input or another output's node; no genome has that"
+            )
+        keys[output.index] = place
+    genome.nodes = {place: BitNodeGene(place) for place in range(len(controller.outputs))}
+    for index in range(first, controller.num_signals):
+        if index not in keys:
+            keys[index] = settings.get_new_node_key(genome.nodes)
+            genome.nodes[keys[index]] = BitNodeGene(keys[index])
+    for index, node in enumerate(controller.nodes, start=first):
+        gene = genome.nodes[keys[index]]
+        gene.gain, gene.activation, gene.bias = node.gain, node.activation, node.bias // controller.one
+        if gene.bias not in (-1, 0, 1) or gene.bias * controller.one != node.bias:
+            raise BitneatError(f"nodes[{index - first}].bias: {node.bias} is not 0 or ±2^F")
+        for place, link in enumerate(node.links):
+            ends = keys[link.source], keys[index]
+            reads_output = 0 <= ends[0] < len(controller.outputs) and not link.delay
+            if link.shift or reads_output or ends in genome.connections:
+                raise BitneatError(f"nodes[{index - first}].links[{place}]: has no equal in a genome")
+            innovation = settings.innovation_tracker.get_innovation_number(*ends, "add_connection")
+            gene_link = BitConnectionGene(ends, innovation=innovation)
+            gene_link.weight, gene_link.enabled, gene_link.delay = link.sign, True, link.delay
+            genome.connections[ends] = gene_link
+    return genome
+
+
+def lower_float(genome: PlainGenome, num_inputs: int, num_outputs: int) -> FloatNetwork:
+    """The network that neat-python would make of a genome with float weights."""
+    found = wiring(genome, num_outputs)
+    number = _signal_numbers(num_inputs, found.order)
+    nodes = []
+    for key in found.order:
+        gene = genome.nodes[key]
+        links = tuple((number[link.key[0]], float(link.weight)) for link in found.links[key])
+        nodes.append(FloatNode(links, float(gene.bias), 1.0, gene.activation))
+    return FloatNetwork(num_inputs, tuple(nodes), tuple(number[key] for key in range(num_outputs)))
+
+
+def lower_integer(genome: PlainGenome, inputs: tuple[Input, ...], num_outputs: int, frac_bits: int) -> Controller:
+    """The canonical controller of a genome with integer or ternary weights: a link for each signed power of two of a weight.
+
+    A hidden node that no input reaches is absent, as in `lower`: neat-python would make it a constant, which need not be ternary.
+    """
+    found = wiring(genome, num_outputs)
+    reached: set[int] = set()
+    for key in found.order:
+        if any(link.weight and (link.key[0] < 0 or link.key[0] in reached) for link in found.links[key]):
+            reached.add(key)
+    order = [key for key in found.order if key in reached or key < num_outputs]
+    number = _signal_numbers(len(inputs), order)
+    nodes = []
+    for key in order:
+        gene = genome.nodes[key]
+        links = [
+            Link(number[link.key[0]], 0, power, sign)
+            for link in found.links[key]
+            if link.key[0] in number
+            for power, sign in signed_powers(link.weight)
+        ]
+        nodes.append(Node(tuple(sorted(links)), int(gene.bias) << frac_bits, 0, gene.activation))
+    outputs = tuple(Signal(number[key]) for key in range(num_outputs))
+    return Controller(inputs, tuple(nodes), outputs, frac_bits).canonical
+
+
+def with_shared_weight(controller: Controller, units: int, resolution: int) -> Controller:
+    """A controller whose links all have the weight ``units / 2^resolution`` in place of the ±1 they have.
+
+    The constant that a bias stands for is weighted alike. So is a weight-agnostic network (Gaier and Ha 2019) tried with one shared
+    weight after the other: a power of two is a gain.
+    """
+    nodes = []
+    for node in controller.nodes:
+        links = [
+            Link(link.source, link.delay, power, sign * link.sign)
+            for link in node.links
+            for power, sign in signed_powers(units)
+        ]
+        nodes.append(Node(tuple(sorted(links)), node.bias * units, node.gain - resolution, node.activation))
+    return Controller(controller.inputs, tuple(nodes), controller.outputs, controller.frac_bits).canonical
+
+
+def _signal_numbers(num_inputs: int, order: Iterable[int]) -> dict[int, int]:
+    """The signal that a key of a genome stands for: inputs have the keys -1, -2, …."""
+    number = {-1 - index: index for index in range(num_inputs)}
+    number.update({key: num_inputs + position for position, key in enumerate(order)})
+    return number
+
+
+def has_path(controller: Policy) -> bool:
+    """True iff some output depends on an input; a controller must be canonical."""
+    if isinstance(controller, FloatNetwork):
+        return bool(_read(controller))
     return any(not isinstance(output, Constant) for output in controller.outputs)
+
+
+def _read(network: FloatNetwork) -> set[int]:
+    """The inputs that some output depends on."""
+    needed = set(network.outputs)
+    for index in reversed(range(len(network.nodes))):
+        if network.num_inputs + index in needed:
+            needed.update(source for source, _ in network.nodes[index].links)
+    return {signal for signal in needed if signal < network.num_inputs}
 
 
 def _reached_from_inputs(links: Iterable[BitConnectionGene]) -> set[int]:

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Protocol, TextIO
 
 from bitneat.controller.packing import pack
+from bitneat.network import FloatNetwork, Policy
 
 if TYPE_CHECKING:
     from bitneat.evolve.search import Candidate, Generation, Search
@@ -136,10 +137,15 @@ class _Clock:
             "selection": f"{row.selection:.1f}",
             "species": str(row.species),
             "links": str(row.best_links),
-            "bytes": "-" if best is None else str(len(pack(best.controller))),
+            "bytes": "-" if best is None else _size(best.controller),
             "steps/s": f"{row.steps / max(elapsed, 1e-9):.0f}",
             "left": _duration(left),
         }
+
+
+def _size(policy: Policy) -> str:
+    """Packed bytes; a float network has no packed form."""
+    return "-" if isinstance(policy, FloatNetwork) else str(len(pack(policy)))
 
 
 def _duration(seconds: float) -> str:

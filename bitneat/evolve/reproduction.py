@@ -42,6 +42,15 @@ class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
         if excess:
             self.threshold = min(max(self.threshold * (1.1 if excess > 0 else 0.92), 0.05), 20.0)
 
+    def past(self, group: Species) -> list[Any]:
+        """What a checkpoint must hold of a species besides its members: nothing."""
+        del group
+        return []
+
+    def remember(self, group: Species, past: list[Any]) -> None:
+        """Give a species back its past."""
+        del group, past
+
     def _keep_nearest(self, population: dict[int, BitGenome]) -> None:
         """neat-python needs a genome for each old species; where there are fewer, the youngest species go."""
         for key in sorted(self.species)[len(population) :]:

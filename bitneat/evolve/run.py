@@ -21,7 +21,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from bitneat.champion import Champion, EnvironmentSpec, environment_from_data, save_json, save_pickle
+from bitneat.champion import (
+    AnyChampion,
+    Champion,
+    EnvironmentSpec,
+    FloatChampion,
+    environment_from_data,
+    save_json,
+    save_pickle,
+)
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config, parse
 from bitneat.evolve.evaluation import Evaluator
@@ -29,6 +37,7 @@ from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
 from bitneat.evolve.search import Candidate, Generation, Score, Search
 from bitneat.files import read_capped, write_atomic, write_json
+from bitneat.network import FloatNetwork
 from bitneat.sim.environment import EnvironmentInfo
 from bitneat.version import __version__
 
@@ -190,7 +199,7 @@ class RunFolder:
         writer.writerows(vars(row).values() for row in search.history)
         write_atomic(self.path / "history.csv", out.getvalue().encode())
 
-    def save_champion(self, champion: Champion) -> None:
+    def save_champion(self, champion: AnyChampion) -> None:
         """Write ``champion.pkl`` and ``champion.json``."""
         save_json(champion, self.path / "champion.json")
         save_pickle(champion, self.champion_pickle)
@@ -207,7 +216,7 @@ class RunFolder:
 class Outcome:
     """How a run ended."""
 
-    champion: Champion
+    champion: AnyChampion
     score: Score
     candidate: Candidate
     finished: bool
@@ -239,7 +248,7 @@ def carry_on(
     progress.start(search, generations, settings.seconds)
     best: Candidate | None = None
     out_of_time = False
-    while search.generation < generations and not out_of_time:
+    while not search.finished and not out_of_time:
         row = search.advance(evaluator)
         leads = search.candidates[0] is not best
         best = search.candidates[0]
@@ -261,12 +270,12 @@ def carry_on(
     champion = _champion(settings, info, search, candidate, score)
     folder.save_champion(champion)
     write_json(folder.path / "report.json", dict(champion.provenance))
-    return Outcome(champion, score, candidate, finished=search.generation >= generations)
+    return Outcome(champion, score, candidate, finished=search.finished)
 
 
 def _champion(
     settings: RunSettings, info: EnvironmentInfo, search: Search, candidate: Candidate, score: Score | None
-) -> Champion:
+) -> AnyChampion:
     """Nothing in a champion depends on clock, machine, folder or workers."""
     selection = Score(
         len(candidate.rewards), candidate.mean, _std(candidate.rewards), min(candidate.rewards), max(candidate.rewards)
@@ -279,12 +288,16 @@ def _champion(
         "seed": settings.seed,
         "generation": candidate.generation,
         "generations": search.generation,
+        "steps": search.total_steps,
         "selection": {**selection.to_data(), "first_seed": SELECTION_START},
         "held_out": None if score is None else {**score.to_data(), "first_seed": REPORT_START},
         "reproducible": settings.seconds is None,
         "max_steps": search.max_steps,
     }
-    return Champion(candidate.controller, info.action, settings.environment, provenance)
+    policy = candidate.controller
+    if isinstance(policy, FloatNetwork):
+        return FloatChampion(policy, info.action, settings.environment, provenance)
+    return Champion(policy, info.action, settings.environment, provenance)
 
 
 def _std(values: tuple[float, ...]) -> float:

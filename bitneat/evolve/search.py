@@ -16,13 +16,20 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Controller, Input
 from bitneat.controller.ir import MAX_OUTPUTS, MAX_SIGNALS
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config
+from bitneat.evolve.config import SPECIES_SETS, Config
 from bitneat.evolve.evaluation import Evaluator
-from bitneat.evolve.genome import BitGenome, BitGenomeConfig, Indexer, genome_from_data, genome_to_data
-from bitneat.evolve.lowering import lower
+from bitneat.evolve.genome import Indexer
+from bitneat.evolve.kinds import Kind, kind_for
+from bitneat.evolve.linear import LinearSearch
+from bitneat.evolve.lowering import genome_from_controller
+from bitneat.evolve.plain_reproduction import PlainReproduction, PlainSpeciesSet, PlainStagnation, SoftmaxReproduction
 from bitneat.evolve.randomness import Streams, report_seeds, selection_seeds
 from bitneat.evolve.reproduction import BitReproduction, BitSpeciesSet, NoStagnation, Settings
+from bitneat.network import FloatNetwork, Policy, network_from_data
 from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, Shaping, default_inputs
+
+LINEAR_RESOLUTION = 4
+"""The linear start ends in ternary controllers with weights in halves to sixteenths."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +55,9 @@ class Score:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A controller that once led a generation, with its official rewards on the first selection seeds."""
+    """A controller (or float network) that once led a generation, with its official rewards on the first selection seeds."""
 
-    controller: Controller
+    controller: Policy
     generation: int
     rewards: tuple[float, ...]
 
@@ -65,11 +72,8 @@ class Candidate:
 
     def to_data(self) -> dict[str, Any]:
         """As plain data."""
-        return {
-            "controller": self.controller.to_data(),
-            "generation": self.generation,
-            "rewards": list(self.rewards),
-        }
+        kind = "network" if isinstance(self.controller, FloatNetwork) else "controller"
+        return {kind: self.controller.to_data(), "generation": self.generation, "rewards": list(self.rewards)}
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Candidate:
@@ -77,7 +81,12 @@ class Candidate:
         rewards = tuple(_finite(reward, "rewards") for reward in data["rewards"])
         if not rewards:
             raise BitneatError("rewards: expected at least one")
-        return cls(Controller.from_data(data["controller"]), _whole(data["generation"], "generation"), rewards)
+        policy: Policy
+        if "network" in data:
+            policy = network_from_data(data["network"])
+        else:
+            policy = Controller.from_data(data["controller"])
+        return cls(policy, _whole(data["generation"], "generation"), rewards)
 
 
 @dataclass(frozen=True)
@@ -95,22 +104,46 @@ class Generation:
     duplicates: int
     episodes: int
     steps: int
+    genome_nodes: int = 0
+    """Nodes in the leader's genome, whether or not an output needs them."""
+    genome_links: int = 0
+    """Enabled links in the leader's genome."""
 
 
 @dataclass
 class _Entrant:
-    """A controller in the race, shared by all genomes that lower to it."""
+    """What the race runs for one genome, or for all genomes that come to the same."""
 
-    controller: Controller
-    genome: BitGenome
-    episodes: list[EpisodeResult]
+    variants: tuple[Policy, ...]
+    """Usually one controller; the score is the mean over all."""
+    genome: Any
+    episodes: list[list[EpisodeResult]]
+    """By variant."""
     stage: int = 0
     score: float = -math.inf
 
     @property
+    def controller(self) -> Policy:
+        """The variant with the best official rewards."""
+        if len(self.variants) == 1 or not self.episodes[0]:
+            return self.variants[0]
+        means = [statistics.fmean(episode.reward for episode in row) for row in self.episodes]
+        return self.variants[means.index(max(means))]
+
+    @property
+    def all_episodes(self) -> list[EpisodeResult]:
+        """Of every variant."""
+        return [episode for row in self.episodes for episode in row]
+
+    @property
+    def num_links(self) -> int:
+        """Links of a variant."""
+        return self.variants[0].num_links
+
+    @property
     def lower_bound(self) -> float:
         """The score less one standard error: whoever is above it, the race cannot tell from this one."""
-        rewards = [episode.shaped for episode in self.episodes]
+        rewards = [episode.shaped for episode in self.all_episodes]
         return self.score - statistics.pstdev(rewards) / math.sqrt(len(rewards))
 
 
@@ -137,14 +170,34 @@ class Search:
         self.candidates: list[Candidate] = []
         self._evaluator: Evaluator | None = None
         self._previous_keys: set[int] = set()
-        self._neat_config = _neat_config(config, info)
+        self.kind = kind_for(config, self.inputs, info.action.num_outputs)
+        self._by_rank = config["NEAT"]["reproduction"] == "BitReproduction"
+        self._neat_config = neat_config(config, self.kind)
         with self.streams.neat():
             self.population = Population(self._neat_config)
+        settings = config["evolve"]
+        self.linear: LinearSearch | None = None
+        if settings["linear_generations"]:
+            self.linear = LinearSearch(
+                self.inputs,
+                info.action.num_outputs,
+                settings["frac_bits"],
+                seed,
+                population=settings["linear_population"],
+                episodes=settings["linear_episodes"],
+                fall_reward=settings["fall_reward"],
+                walks_at=settings["linear_walks_at"],
+            )
 
     @property
     def generation(self) -> int:
-        """Generations completed."""
-        return int(self.population.generation)
+        """Generations completed, those of the linear start included."""
+        return int(self.population.generation) + (self.linear.generation if self.linear else 0)
+
+    @property
+    def starting(self) -> bool:
+        """True while the linear start is not over."""
+        return self.linear is not None and self.linear.generation < self.config["evolve"]["linear_generations"]
 
     @property
     def frac_bits(self) -> int:
@@ -154,30 +207,93 @@ class Search:
     def advance(self, evaluator: Evaluator) -> Generation:
         """Run one generation and breed the next."""
         self._evaluator = evaluator
+        if self.linear is not None and self.starting:
+            return self._advance_linear(self.linear, evaluator)
         keys = set(self.population.population)
         with self.streams.neat():
             self.population.run(self._assign_fitness, 1)
         self._previous_keys = keys
         return self.history[-1]
 
-    def lower(self, genome: BitGenome) -> Controller:
-        """The controller of a genome of this run."""
-        return lower(genome, self.inputs, self.info.action.num_outputs, self.frac_bits)
+    def _advance_linear(self, linear: LinearSearch, evaluator: Evaluator) -> Generation:
+        """One generation of the linear start; with its last one the population is made anew from its policy."""
+        row = linear.advance(evaluator)
+        policy = linear.ternary(LINEAR_RESOLUTION)
+        self._try(policy, evaluator)
+        self.history.append(
+            Generation(
+                generation=self.generation - 1,
+                best=row.best,
+                mean=row.median,
+                selection=self.candidates[0].mean,
+                species=1,
+                best_nodes=len(policy.nodes),
+                best_links=policy.num_links,
+                mean_links=float(policy.num_links),
+                duplicates=0,
+                episodes=row.episodes,
+                steps=row.steps,
+            )
+        )
+        if not self.starting:
+            with self.streams.neat():
+                self._populate([linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)])
+        return self.history[-1]
+
+    def _populate(self, controllers: Sequence[Controller]) -> None:
+        """A population of these controllers' genomes in turn, all but the first of each mutated."""
+        settings = self._neat_config.genome_config
+        settings.innovation_tracker = self.population.reproduction.innovation_tracker
+        ancestors = [genome_from_controller(0, controller, settings) for controller in controllers]
+        population: dict[int, Any] = {}
+        for index in range(self.config["NEAT"]["pop_size"]):
+            key = next(self.population.reproduction.genome_indexer)
+            genome = self.kind.genome_type(key)
+            genome.configure_clone(ancestors[index % len(ancestors)])
+            if index >= len(ancestors):
+                genome.mutate(settings)
+            population[key] = genome
+        self.population.population = population
+        self.population.species.species.clear()
+        self.population.species.speciate(self._neat_config, population, 0)
+
+    @property
+    def total_steps(self) -> int:
+        """Steps simulated in all races so far."""
+        return sum(row.steps for row in self.history)
+
+    @property
+    def finished(self) -> bool:
+        """True once the generations or the steps that the configuration allows are used up."""
+        settings = self.config["evolve"]
+        used_up = settings["max_total_steps"] and self.total_steps >= settings["max_total_steps"]
+        return bool(self.generation >= settings["generations"] or used_up)
 
     def finalists(self, evaluator: Evaluator) -> list[Candidate]:
         """The best candidates on all selection seeds, the champion first."""
-        seeds = selection_seeds(
-            max(self.config["evolve"]["final_episodes"], self.config["evolve"]["selection_episodes"])
-        )
+        settings = self.config["evolve"]
+        seeds = selection_seeds(max(settings["final_episodes"], settings["selection_episodes"]))
         finals = []
-        for candidate in self.candidates[: self.config["evolve"]["finalists"]]:
+        for candidate in self._tuned(evaluator)[: settings["finalists"]]:
             rest = seeds[len(candidate.rewards) :]
             more = evaluator.evaluate([candidate.controller], rest)[0] if rest else []
             rewards = (*candidate.rewards, *(episode.reward for episode in more))
             finals.append(Candidate(candidate.controller, candidate.generation, rewards))
         return sorted(finals, key=Candidate.order)
 
-    def report(self, evaluator: Evaluator, controller: Controller) -> Score:
+    def _tuned(self, evaluator: Evaluator) -> list[Candidate]:
+        """The candidates, and the variations that their kind of genome suggests of the best of them."""
+        best = self.candidates[0]
+        seeds = selection_seeds(self.config["evolve"]["selection_episodes"])
+        more = self.kind.tuned(best.controller)
+        results = evaluator.evaluate(more, seeds) if more else []
+        variations = [
+            Candidate(policy, best.generation, tuple(episode.reward for episode in row))
+            for policy, row in zip(more, results, strict=True)
+        ]
+        return sorted([*self.candidates, *variations], key=Candidate.order)
+
+    def report(self, evaluator: Evaluator, controller: Policy) -> Score:
         """The score of a controller on the report seeds, which nothing was chosen on."""
         return Score.of(evaluator.evaluate([controller], report_seeds(self.config["evolve"]["report_episodes"]))[0])
 
@@ -185,7 +301,8 @@ class Search:
         """How the search's reward differs from the official one in the present generation."""
         settings = self.config["evolve"]
         start, end = settings["fall_ramp_start"], settings["fall_ramp_end"]
-        done = (self.generation - start) / (end - start) if end > start else float(self.generation >= end)
+        generation = int(self.population.generation)
+        done = (generation - start) / (end - start) if end > start else float(generation >= end)
         done = min(max(done, 0.0), 1.0)
         return Shaping(
             fall_reward=settings["fall_reward"],
@@ -197,24 +314,28 @@ class Search:
             stall_gain=settings["stall_gain"],
         )
 
-    def _assign_fitness(self, genomes: list[tuple[int, BitGenome]], neat_config: Any) -> None:
+    def _assign_fitness(self, genomes: list[tuple[int, Any]], neat_config: Any) -> None:
         del neat_config
         with self.streams.aside():
             self._rank(genomes)
 
-    def _rank(self, genomes: list[tuple[int, BitGenome]]) -> None:
+    def _rank(self, genomes: list[tuple[int, Any]]) -> None:
         assert self._evaluator is not None
         entrants: dict[str, _Entrant] = {}
-        for _, genome in genomes:
-            controller = self.lower(genome)
-            entrants.setdefault(controller.sha256, _Entrant(controller, genome, []))
-        ranked = self._race(list(entrants.values()), self._evaluator)
-        for rank, entrant in enumerate(ranked):
-            entrant.genome.fitness = 1.0 - rank / max(len(ranked) - 1, 1)
-        first = {entrant.genome.key for entrant in ranked}
+        entrant_of: dict[int, _Entrant] = {}
         for key, genome in genomes:
-            if key not in first:  # a duplicate adds nothing to the next generation
-                genome.fitness = 0.0
+            variants = self.kind.lower(genome)
+            entrant = _Entrant(variants, genome, [[] for _ in variants])
+            entrant_of[key] = entrants.setdefault(variants[0].sha256, entrant)
+        ranked = self._race(list(entrants.values()), self._evaluator)
+        if self._by_rank:
+            for _, genome in genomes:
+                genome.fitness = 0.0  # a duplicate adds nothing to the next generation
+            for rank, entrant in enumerate(ranked):
+                entrant.genome.fitness = 1.0 - rank / max(len(ranked) - 1, 1)
+        else:
+            for key, genome in genomes:
+                genome.fitness = entrant_of[key].score
         self._consider(ranked, self._evaluator)
         self._record(ranked, len(genomes) - len(ranked))
 
@@ -231,11 +352,14 @@ class Search:
                 keep = max(1, round(fraction * len(entrants)))
                 best = sorted(active, key=_by_score)
                 active = [e for i, e in enumerate(best) if i < keep or e.genome.key in self._previous_keys]
-            results = evaluator.evaluate([e.controller for e in active], seeds[done:episodes], shaping)
-            for entrant, more in zip(active, results, strict=True):
-                entrant.episodes.extend(more)
+            runs = [(entrant, index) for entrant in active for index in range(len(entrant.variants))]
+            policies = [entrant.variants[index] for entrant, index in runs]
+            results = evaluator.evaluate(policies, seeds[done:episodes], shaping)
+            for (entrant, index), more in zip(runs, results, strict=True):
+                entrant.episodes[index].extend(more)
+            for entrant in active:
                 entrant.stage = stage
-                entrant.score = _robust_mean([e.shaped for e in entrant.episodes], settings["risk"])
+                entrant.score = _robust_mean([e.shaped for e in entrant.all_episodes], settings["risk"])
             done = episodes
         ranked = sorted(entrants, key=_by_score)
         if self.streams.pressure() < settings["size_pressure"]:
@@ -246,45 +370,53 @@ class Search:
     def _consider(self, ranked: list[_Entrant], evaluator: Evaluator) -> None:
         """Try the generation's best by official reward on the selection seeds, and keep it if it is among the best so far."""
         last = [e for e in ranked if e.stage == ranked[0].stage]
-        leader = max(last, key=lambda e: statistics.fmean(episode.reward for episode in e.episodes))
-        if any(c.controller.sha256 == leader.controller.sha256 for c in self.candidates):
+        leader = max(last, key=lambda e: statistics.fmean(episode.reward for episode in e.all_episodes))
+        self._try(leader.controller, evaluator)
+
+    def _try(self, policy: Policy, evaluator: Evaluator) -> None:
+        """Run a policy on the selection seeds, unless it is a candidate already, and keep the best candidates."""
+        if any(c.controller.sha256 == policy.sha256 for c in self.candidates):
             return
         seeds = selection_seeds(self.config["evolve"]["selection_episodes"])
-        episodes = evaluator.evaluate([leader.controller], seeds)[0]
+        episodes = evaluator.evaluate([policy], seeds)[0]
         rewards = tuple(episode.reward for episode in episodes)
-        self.candidates.append(Candidate(leader.controller, self.generation, rewards))
+        self.candidates.append(Candidate(policy, self.generation, rewards))
         self.candidates.sort(key=Candidate.order)
         del self.candidates[2 * self.config["evolve"]["finalists"] :]
 
     def _record(self, ranked: list[_Entrant], duplicates: int) -> None:
         leader = ranked[0]
-        episodes = [episode for entrant in ranked for episode in entrant.episodes]
+        episodes = [episode for entrant in ranked for episode in entrant.all_episodes]
+        genome_nodes, genome_links = leader.genome.size()
         self.history.append(
             Generation(
                 generation=self.generation,
                 best=max(e.score for e in ranked if e.stage == leader.stage),
-                mean=statistics.fmean(e.episodes[0].shaped for e in ranked),
+                mean=statistics.fmean(e.episodes[0][0].shaped for e in ranked),
                 selection=self.candidates[0].mean,
                 species=len(self.population.species.species),
-                best_nodes=len(leader.controller.nodes),
-                best_links=leader.controller.num_links,
-                mean_links=statistics.fmean(e.controller.num_links for e in ranked),
+                best_nodes=len(leader.variants[0].nodes),
+                best_links=leader.num_links,
+                mean_links=statistics.fmean(e.num_links for e in ranked),
                 duplicates=duplicates,
                 episodes=len(episodes),
                 steps=sum(episode.steps for episode in episodes),
+                genome_nodes=genome_nodes,
+                genome_links=genome_links,
             )
         )
 
     def to_data(self) -> dict[str, Any]:
         """Everything a checkpoint needs, as plain data."""
-        species_set: BitSpeciesSet = self.population.species
-        reproduction: BitReproduction = self.population.reproduction
+        species_set: BitSpeciesSet | PlainSpeciesSet = self.population.species
+        reproduction = self.population.reproduction
         return {
-            "generation": self.generation,
-            "population": [genome_to_data(genome) for genome in self.population.population.values()],
+            "generation": int(self.population.generation),
+            "linear": None if self.linear is None else self.linear.to_data(),
+            "population": [self.kind.to_data(genome) for genome in self.population.population.values()],
             "previous_keys": sorted(self._previous_keys),
             "species": [
-                [key, group.created, group.representative.key, list(group.members)]
+                [key, group.created, group.representative.key, list(group.members), *species_set.past(group)]
                 for key, group in species_set.species.items()
             ],
             "threshold": species_set.threshold,
@@ -308,21 +440,22 @@ class Search:
         generation, next_genome, next_node, next_species, innovations = (
             _whole(data[key], key) for key in ("generation", "next_genome", "next_node", "next_species", "innovations")
         )
-        population = {genome.key: genome for genome in map(genome_from_data, data["population"])}
+        population = {genome.key: genome for genome in map(self.kind.from_data, data["population"])}
         if len(population) < 2:
             raise BitneatError("population: expected at least two genomes")
         for genome in population.values():
             self._check_genome(genome, next_genome, next_node)
-        species_set: BitSpeciesSet = self.population.species
+        species_set: BitSpeciesSet | PlainSpeciesSet = self.population.species
         species_set.species = {}
         species_set.genome_to_species = {}
-        for key, created, representative, members in data["species"]:
+        for key, created, representative, members, *past in data["species"]:
             group = Species(_whole(key, "species"), _whole(created, "species"))
             group.update(population[representative], {member: population[member] for member in members})
+            species_set.remember(group, past)
             species_set.species[key] = group
             species_set.genome_to_species.update(dict.fromkeys(members, key))
-        members = [member for _, _, _, group in data["species"] for member in group]
-        if sorted(members) != sorted(population) or not all(group for _, _, _, group in data["species"]):
+        members = [member for _, _, _, group, *_ in data["species"] for member in group]
+        if sorted(members) != sorted(population) or not all(group for _, _, _, group, *_ in data["species"]):
             raise BitneatError("species: do not hold every genome once")
         species_set.threshold = _finite(data["threshold"], "threshold")
         species_set.indexer = Indexer(next_species)
@@ -332,10 +465,14 @@ class Search:
         self.population.reproduction.innovation_tracker.global_counter = innovations
         self._neat_config.genome_config.node_indexer = Indexer(next_node)
         self._previous_keys = {_whole(key, "previous_keys") for key in data["previous_keys"]}
+        if self.linear is not None:
+            self.linear.restore(data["linear"])
         self.streams.restore(data["streams"])
         self.candidates = [Candidate.from_data(entry) for entry in data["candidates"]]
         for candidate in self.candidates:
-            sizes = len(candidate.controller.inputs), len(candidate.controller.outputs)
+            policy = candidate.controller
+            inputs = policy.num_inputs if isinstance(policy, FloatNetwork) else len(policy.inputs)
+            sizes = inputs, len(policy.outputs)
             if sizes != (len(self.inputs), self.info.action.num_outputs):
                 raise BitneatError("candidates: a controller does not fit the environment")
         self.history = [
@@ -343,21 +480,19 @@ class Search:
             for row in data["history"]
         ]
 
-    def _check_genome(self, genome: BitGenome, next_genome: int, next_node: int) -> None:
+    def _check_genome(self, genome: Any, next_genome: int, next_node: int) -> None:
         where = f"genome {genome.key!r:.20}"
-        settings = self._neat_config.genome_config
         if not 0 <= _whole(genome.key, where) < next_genome:
             raise BitneatError(f"{where}: its number is not below next_genome")
         if genome.fitness is not None:
             _finite(genome.fitness, where)
-        for key, node in genome.nodes.items():
-            if not 0 <= _whole(key, where) < max(next_node, settings.num_outputs) or type(node.gain) is not int:
-                raise BitneatError(f"{where}: a node has a wrong number or gain")
+        for key in genome.nodes:
+            if not 0 <= _whole(key, where) < max(next_node, self.info.action.num_outputs):
+                raise BitneatError(f"{where}: a node has a wrong number")
         for link in genome.connections.values():
             _whole(link.innovation, where)
-            if type(link.weight) is not int or not -1 <= link.weight <= 1 or link.delay not in (0, 1):
-                raise BitneatError(f"{where}: a link has a wrong weight or delay")
-        self.lower(genome)
+        self.kind.check(genome, where)
+        self.kind.lower(genome)
 
 
 def _whole(value: Any, name: str) -> int:
@@ -415,17 +550,19 @@ def _spread(values: tuple[int, ...], count: int, key: str) -> tuple[int, ...] | 
     return values if len(values) == count else values * count
 
 
-def _neat_config(config: Config, info: EnvironmentInfo) -> Any:
+def neat_config(config: Config, kind: Kind) -> Any:
     """What neat-python's classes expect of a configuration; its own reader is not used, see `bitneat.evolve.config`."""
+    reproduction = config["NEAT"]["reproduction"]
+    reproduction_type, species_set_type, stagnation_type = _REPRODUCTIONS[reproduction]
     return SimpleNamespace(
-        genome_type=BitGenome,
-        genome_config=BitGenomeConfig(dict(config["BitGenome"]), info.num_inputs, info.action.num_outputs),
-        reproduction_type=BitReproduction,
-        reproduction_config=Settings(config["BitReproduction"]),
-        species_set_type=BitSpeciesSet,
-        species_set_config=Settings(config["BitSpeciesSet"]),
-        stagnation_type=NoStagnation,
-        stagnation_config=None,
+        genome_type=kind.genome_type,
+        genome_config=kind.settings,
+        reproduction_type=reproduction_type,
+        reproduction_config=Settings(config[reproduction]),
+        species_set_type=species_set_type,
+        species_set_config=Settings(config[SPECIES_SETS[reproduction]]),
+        stagnation_type=stagnation_type,
+        stagnation_config=Settings(config[reproduction]),
         pop_size=config["NEAT"]["pop_size"],
         fitness_criterion="max",
         fitness_threshold=math.inf,
@@ -435,9 +572,16 @@ def _neat_config(config: Config, info: EnvironmentInfo) -> Any:
     )
 
 
+_REPRODUCTIONS: Mapping[str, tuple[type[Any], type[Any], type[Any]]] = {
+    "BitReproduction": (BitReproduction, BitSpeciesSet, NoStagnation),
+    "PlainReproduction": (PlainReproduction, PlainSpeciesSet, PlainStagnation),
+    "SoftmaxReproduction": (SoftmaxReproduction, PlainSpeciesSet, NoStagnation),
+}
+
+
 def _by_score(entrant: _Entrant) -> tuple[int, float, int, int]:
     """Furthest in the race first, then the best score; of equals the smaller, then the older."""
-    return -entrant.stage, -entrant.score, entrant.controller.num_links, entrant.genome.key
+    return -entrant.stage, -entrant.score, entrant.num_links, entrant.genome.key
 
 
 def _by_fronts(entrants: Iterable[_Entrant]) -> list[_Entrant]:
@@ -447,9 +591,9 @@ def _by_fronts(entrants: Iterable[_Entrant]) -> list[_Entrant]:
     while remaining:
         front, rest, fewest = [], [], math.inf
         for entrant in remaining:  # best score first: on the front iff smaller than all before
-            if entrant.controller.num_links < fewest:
+            if entrant.num_links < fewest:
                 front.append(entrant)
-                fewest = entrant.controller.num_links
+                fewest = entrant.num_links
             else:
                 rest.append(entrant)
         ordered.extend(front)

@@ -23,6 +23,8 @@ import numpy.typing as npt
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Action, BoxAction, Controller, DiscreteAction, Input, Signal
 from bitneat.errors import BitneatError
+from bitneat.network import FloatNetwork, Policy
+from bitneat.network import decode as decode_real
 from bitneat.sim import bipedal
 
 __all__ = [
@@ -55,8 +57,8 @@ class StepController(Protocol):
     def reset(self) -> None:
         """Forget the past."""
 
-    def step(self, inputs: Int16Array) -> Any:
-        """One control step: (num_inputs,) signals to (num_outputs,) signals."""
+    def step(self, inputs: Any) -> Any:
+        """One control step: (num_inputs,) signals to (num_outputs,) signals; a float network's are floats."""
 
 
 @dataclass(frozen=True)
@@ -264,7 +266,7 @@ class EpisodeRunner:
 
     Args:
         spec: the environment.
-        controller: whose encoder and decoder to use.
+        controller: whose encoder and decoder to use; or a float network, which sees observations as they are.
         action: the action space.
         policy: computes the controller's steps; its outputs are those of ``controller``.
         simulator: "gymnasium", or "auto" to take a faster equal of the environment where there is one.
@@ -273,7 +275,7 @@ class EpisodeRunner:
     def __init__(
         self,
         spec: EnvironmentSpec,
-        controller: Controller,
+        controller: Policy,
         action: Action,
         policy: StepController,
         simulator: str = "gymnasium",
@@ -283,10 +285,10 @@ class EpisodeRunner:
         if simulator == "auto" and bipedal.serves(spec):
             self._lean = bipedal.make(spec, used_inputs(controller))
         self._policy = policy
-        self._factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
-        self._limit = np.array([float(i.limit) for i in controller.inputs])
-        self._negative_limit = -self._limit
-        self._decode = _decoder(action, controller.frac_bits)
+        if isinstance(controller, FloatNetwork):
+            self._act = _real_actor(action, policy)
+        else:
+            self._act = _actor(controller, action, policy)
 
     def __call__(self, seed: int, max_steps: int, shaping: Shaping | None = None) -> EpisodeResult:
         """One episode in a fresh environment; stops at the environment's end or after ``max_steps`` steps.
@@ -304,10 +306,7 @@ class EpisodeRunner:
             environment.close()
 
     def _run(self, environment: gymnasium.Env[Any, Any], seed: int, max_steps: int, shaping: Shaping) -> EpisodeResult:
-        factor, limit, negative_limit = self._factor, self._limit, self._negative_limit
-        encoded = np.empty(factor.shape)
-        signals = np.empty(factor.shape, dtype=np.int16)
-        environment_step, policy_step, decode = environment.step, self._policy.step, self._decode
+        environment_step, act = environment.step, self._act
         max_steps = min(max_steps, shaping.max_steps or max_steps)
         stall_steps = shaping.stall_steps or max_steps
         total = best = last = 0.0
@@ -319,17 +318,12 @@ class EpisodeRunner:
         while not (terminated or truncated) and steps < max_steps:
             if flat:
                 observation = np.reshape(observation, -1)
-            # The encoder of docs/semantics.md without its temporaries; tests hold the two together.
-            np.multiply(observation, factor, out=encoded)
-            np.rint(encoded, out=encoded)
-            np.minimum(encoded, limit, out=encoded)
-            np.maximum(encoded, negative_limit, out=encoded)
-            if math.isnan(encoded.dot(encoded)):
+            action = act(observation)
+            if action is None:
                 raise UnfitEnvironmentError(
                     f"environment {self._spec.id}: observation {steps} of seed {seed} holds a NaN"
                 )
-            signals[:] = encoded
-            observation, reward, terminated, truncated, _ = environment_step(decode(policy_step(signals)))
+            observation, reward, terminated, truncated, _ = environment_step(action)
             last = float(reward)
             total += last
             steps += 1
@@ -350,8 +344,45 @@ class EpisodeRunner:
         return EpisodeResult(total, shaped, steps, bool(terminated), stalled)
 
 
-def used_inputs(controller: Controller) -> list[int]:
-    """The inputs that the controller reads."""
+def _actor(controller: Controller, action: Action, policy: StepController) -> Any:
+    """From an observation to the action; None if the observation holds a NaN."""
+    factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
+    limit = np.array([float(i.limit) for i in controller.inputs])
+    negative_limit = -limit
+    encoded = np.empty(factor.shape)
+    signals = np.empty(factor.shape, dtype=np.int16)
+    decode, step = _decoder(action, controller.frac_bits), policy.step
+
+    def act(observation: Any) -> Any:
+        # The encoder of docs/semantics.md without its temporaries; tests hold the two together.
+        np.multiply(observation, factor, out=encoded)
+        np.rint(encoded, out=encoded)
+        np.minimum(encoded, limit, out=encoded)
+        np.maximum(encoded, negative_limit, out=encoded)
+        if math.isnan(encoded.dot(encoded)):
+            return None
+        signals[:] = encoded
+        return decode(step(signals))
+
+    return act
+
+
+def _real_actor(action: Action, policy: StepController) -> Any:
+    """As `_actor`, for a float network."""
+
+    def act(observation: Any) -> Any:
+        values = np.asarray(observation, np.float64).tolist()
+        if any(math.isnan(value) for value in values):
+            return None
+        return decode_real(action, policy.step(values))
+
+    return act
+
+
+def used_inputs(controller: Policy) -> list[int]:
+    """The inputs that the controller or network reads."""
+    if isinstance(controller, FloatNetwork):
+        return controller.used_inputs()
     sources = {link.source for node in controller.nodes for link in node.links}
     sources |= {output.index for output in controller.outputs if isinstance(output, Signal)}
     return sorted(source for source in sources if source < len(controller.inputs))

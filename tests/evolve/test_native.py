@@ -23,6 +23,7 @@ from bitneat.controller import Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator, NativeWalkerEvaluator
+from bitneat.evolve.genome import BitGenome
 from bitneat.evolve.search import Search
 from bitneat.native.compiler import CompilerError
 from bitneat.sim import bipedal
@@ -72,7 +73,13 @@ def evolved(small: str, run: str, *options: str, environment: str = WALKER.id) -
 
 def some_controllers(spec: EnvironmentSpec, count: int) -> list[Controller]:
     search = Search(parse(SMALL.replace("20", str(count)), "test"), spec, inspect(spec), seed=2)
-    return [search.lower(genome) for genome in search.population.population.values()]
+    return [controller_of(search, genome) for genome in search.population.population.values()]
+
+
+def controller_of(search: Search, genome: BitGenome) -> Controller:
+    (controller,) = search.kind.lower(genome)
+    assert isinstance(controller, Controller)
+    return controller
 
 
 @pytest.mark.parametrize("spec", [WALKER, HARDCORE])
@@ -106,7 +113,7 @@ def test_the_native_evaluator_gives_gymnasiums_episodes(spec: EnvironmentSpec, s
 def test_the_time_limit_is_the_environments_own() -> None:
     # A controller without links does nothing, and the walker stands or falls as Gymnasium's does.
     search = Search(parse("[BitGenome]\ninitial_links = 0\nnum_hidden = 0", "test"), HARDCORE, inspect(HARDCORE), 1)
-    idle = search.lower(next(iter(search.population.population.values())))
+    idle = controller_of(search, next(iter(search.population.population.values())))
     assert search.max_steps == 2000
     result = NativeWalkerEvaluator(HARDCORE, search.max_steps, 1).evaluate([idle], [1])[0][0]
     assert result == GymnasiumEvaluator(HARDCORE, search.info.action, 2000, 1).evaluate([idle], [1])[0][0]

@@ -10,12 +10,16 @@ from neat.population import Population
 
 from bitneat.evolve.config import parse
 from bitneat.evolve.genome import BitGenome, genome_to_data
-from bitneat.evolve.search import _neat_config
-from bitneat.sim.environment import EnvironmentSpec, inspect
+from bitneat.evolve.kinds import kind_for
+from bitneat.evolve.search import neat_config
+from bitneat.sim.environment import EnvironmentSpec, default_inputs, inspect
 
 
 def population_of(text: str) -> Population:
-    return Population(_neat_config(parse(text, "test"), inspect(EnvironmentSpec("Acrobot-v1"))))
+    config = parse(text, "test")
+    info = inspect(EnvironmentSpec("Acrobot-v1"))
+    kind = kind_for(config, default_inputs(info, 8), info.action.num_outputs)
+    return Population(neat_config(config, kind))
 
 
 def rank_by_links(genomes: list[tuple[int, BitGenome]], config: object) -> None:

@@ -27,6 +27,7 @@ _SOURCES = (
     "collide",
     "impact",
     "model",
+    "network",
     "observe",
     "simulator",
     "solver_1",
@@ -46,8 +47,14 @@ struct shaping {
     double fall_reward, fall_value, finish_bonus, stall_gain;
     int32_t max_steps, stall_steps;
 };
+struct network {
+    const double *bias, *response, *weight;
+    const int32_t *activation, *first_link, *source, *output;
+    int32_t num_inputs, num_nodes, num_outputs;
+};
 struct policy {
     const void *controller;
+    const struct network *network;
     const double *factor, *limit;
     const float *actions;
     int32_t one;
@@ -61,6 +68,7 @@ struct result {
     int32_t steps;
     uint8_t terminated, stalled, failed;
 };
+void network_step(const struct network *network, double *signals, double *outputs);
 bool simulator_open(void);
 int64_t simulator_environment_size(void);
 int32_t simulator_widest(void);

@@ -7,6 +7,7 @@ import math
 import operator
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from bitneat.controller import BoxAction, Controller
 from bitneat.errors import BitneatError
+from bitneat.network import ACTIVATIONS, FloatNetwork, Policy
 from bitneat.runtime import OpenBlob, pack_for_runtime
 from bitneat.sim.environment import EpisodeResult, Shaping, decode_table, used_inputs
 from bitneat.sim.walker.binding import (
@@ -37,7 +39,7 @@ _UNDONE, _OVERFLOW = 1, 2
 
 
 def run_episodes(
-    controllers: Sequence[Controller],
+    controllers: Sequence[Policy],
     seeds: Sequence[int],
     max_steps: int = 1600,
     *,
@@ -48,7 +50,7 @@ def run_episodes(
     """Run every controller on every seed, each episode from a fresh start until it terminates or has had ``max_steps`` steps.
 
     Args:
-        controllers: of 24 inputs and 4 outputs.
+        controllers: of 24 inputs and 4 outputs; float networks too.
         seeds: as of Gymnasium's ``reset(seed=…)``.
         max_steps: the time limit.
         hardcore: with ladders, stumps and pitfalls.
@@ -70,7 +72,7 @@ def run_episodes(
 
 
 def evaluate(
-    controllers: Sequence[Controller],
+    controllers: Sequence[Policy],
     seeds: Sequence[int],
     max_steps: int,
     shaping: Shaping | None = None,
@@ -149,28 +151,69 @@ def _run(
 
 
 class _Policies:
-    """The C side's view of controllers, with what keeps it alive."""
+    """The C side's view of controllers and networks, with what keeps it alive."""
 
-    def __init__(self, controllers: Sequence[Controller]) -> None:
-        self.structs = ffi().new("struct policy[]", len(controllers))
+    def __init__(self, policies: Sequence[Policy]) -> None:
+        self.structs = ffi().new("struct policy[]", len(policies))
         self._keep: list[Any] = []
-        for struct, controller in zip(self.structs, controllers, strict=True):
-            if (len(controller.inputs), len(controller.outputs)) != (NUM_INPUTS, NUM_OUTPUTS):
+        for struct, policy in zip(self.structs, policies, strict=True):
+            inputs = policy.num_inputs if isinstance(policy, FloatNetwork) else len(policy.inputs)
+            if (inputs, len(policy.outputs)) != (NUM_INPUTS, NUM_OUTPUTS):
                 raise BitneatError(
                     f"native walker: expected a controller of {NUM_INPUTS} inputs and {NUM_OUTPUTS} outputs,"
-                    f" got {len(controller.inputs)} and {len(controller.outputs)}"
+                    f" got {inputs} and {len(policy.outputs)}"
                 )
-            blob = OpenBlob(pack_for_runtime(controller), validate=False)
-            factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
-            limit = np.array([float(i.limit) for i in controller.inputs])
-            actions = decode_table(ACTION, controller.frac_bits)
-            self._keep.append((blob, factor, limit, actions))
-            struct.controller = blob.pointer
-            struct.factor = ffi().from_buffer("double[]", factor)
-            struct.limit = ffi().from_buffer("double[]", limit)
-            struct.actions = ffi().from_buffer("float[]", actions)
-            struct.one = 1 << controller.frac_bits
-            struct.rays = sum(1 << (i - FIRST_RAY) for i in used_inputs(controller) if i >= FIRST_RAY)
+            if isinstance(policy, FloatNetwork):
+                read = policy.used_inputs()
+                network = network_struct(policy)
+                self._keep.append(network)
+                struct.network = network.pointer
+            else:
+                read = used_inputs(policy)
+                self._take(struct, policy)
+            struct.rays = sum(1 << (i - FIRST_RAY) for i in read if i >= FIRST_RAY)
+
+    def _take(self, struct: Any, controller: Controller) -> None:
+        blob = OpenBlob(pack_for_runtime(controller), validate=False)
+        factor = np.array([2.0 ** (controller.frac_bits + i.scale) for i in controller.inputs])
+        limit = np.array([float(i.limit) for i in controller.inputs])
+        actions = decode_table(ACTION, controller.frac_bits)
+        self._keep.append((blob, factor, limit, actions))
+        struct.controller = blob.pointer
+        struct.factor = ffi().from_buffer("double[]", factor)
+        struct.limit = ffi().from_buffer("double[]", limit)
+        struct.actions = ffi().from_buffer("float[]", actions)
+        struct.one = 1 << controller.frac_bits
+
+
+@dataclass(frozen=True)
+class NetworkStruct:
+    """A ``struct network`` and the arrays that it points into."""
+
+    pointer: Any
+    arrays: tuple[npt.NDArray[Any], ...]
+
+
+def network_struct(network: FloatNetwork) -> NetworkStruct:
+    """The C side's view of a float network."""
+    numbers = {name: index for index, name in enumerate(ACTIVATIONS)}
+    links = [link for node in network.nodes for link in node.links]
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "bias": np.array([node.bias for node in network.nodes], np.float64),
+        "response": np.array([node.response for node in network.nodes], np.float64),
+        "weight": np.array([weight for _, weight in links], np.float64),
+        "activation": np.array([numbers[node.activation] for node in network.nodes], np.int32),
+        "first_link": np.cumsum([0, *(len(node.links) for node in network.nodes)], dtype=np.int32),
+        "source": np.array([source for source, _ in links], np.int32),
+        "output": np.array(network.outputs, np.int32),
+    }
+    pointer = ffi().new("struct network *")
+    for name, array in arrays.items():
+        kind = "double[]" if array.dtype == np.float64 else "int32_t[]"
+        setattr(pointer, name, ffi().from_buffer(kind, array))
+    pointer.num_inputs, pointer.num_nodes = network.num_inputs, len(network.nodes)
+    pointer.num_outputs = len(network.outputs)
+    return NetworkStruct(pointer, tuple(arrays.values()))
 
 
 def _shaping(shaping: Shaping, max_steps: int) -> Any:

@@ -213,13 +213,38 @@ struct run {
     bool starting; /* the step of zeros that a reset ends with */
 };
 
+/* What a thread computes in: signals of a controller, or of a float network. */
+union workspace {
+    int16_t integer[MAX_WORKSPACE];
+    double real[MAX_WORKSPACE];
+};
+
+static void act_by_network(struct run *run, const float *observation, double *signals)
+{
+    double outputs[NUM_ACTIONS];
+    for (int i = 0; i < NUM_OBSERVATIONS; ++i) {
+        signals[i] = observation[i];
+    }
+    network_step(run->policy->network, signals, outputs);
+    for (int i = 0; i < NUM_ACTIONS; ++i) {
+        const double low = outputs[i] < 1.0 ? outputs[i] : 1.0;
+        const double y = low > -1.0 ? low : -1.0;
+        run->action[i] = (float)(-1.0 + (y + 1.0) / 2.0 * 2.0); /* the order of operations of bitneat.network.decode */
+    }
+}
+
 /* The action for what the walker observes. */
-static void act(struct run *run, int16_t *workspace)
+static void act(struct run *run, union workspace *memory)
 {
     const struct policy *policy = run->policy;
     const struct bn_controller *controller = policy->controller;
+    int16_t *workspace = memory->integer;
     float observation[NUM_OBSERVATIONS];
     walker_observe(&run->walker, observation);
+    if (controller == NULL) {
+        act_by_network(run, observation, memory->real);
+        return;
+    }
     for (int i = 0; i < NUM_OBSERVATIONS; ++i) {
         const double value = rint(observation[i] * policy->factor[i]);
         const double low = value < policy->limit[i] ? value : policy->limit[i];
@@ -250,12 +275,14 @@ static bool start(struct run_context *c, struct run *run)
         run->ground_index = e->ground;
     }
     const struct bn_controller *controller = run->policy->controller;
-    int16_t *state = realloc(run->state, (size_t)(controller->num_state + 1) * sizeof *state);
-    if (state == NULL) {
-        return false; /* the episode stays undone */
+    if (controller != NULL) {
+        int16_t *state = realloc(run->state, (size_t)(controller->num_state + 1) * sizeof *state);
+        if (state == NULL) {
+            return false; /* the episode stays undone */
+        }
+        run->state = state;
+        bn_reset(controller, run->state);
     }
-    run->state = state;
-    bn_reset(controller, run->state);
     walker_reset(&run->walker, &run->ground);
     run->walker.rays = run->policy->rays;
     memcpy(run->action, STILL, sizeof STILL);
@@ -307,7 +334,7 @@ static void run_piece(void *argument, int64_t index, void *scratch)
     struct run_context *c = argument;
     (void)index;
     struct run *runs = calloc((size_t)c->lanes, sizeof *runs);
-    int16_t *workspace = malloc(MAX_WORKSPACE * sizeof *workspace);
+    union workspace *workspace = malloc(sizeof *workspace);
     struct walker *walkers[MAX_LANES];
     struct run *active[MAX_LANES];
     int count = 0;

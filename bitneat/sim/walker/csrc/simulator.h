@@ -5,6 +5,7 @@
 #ifndef BITNEAT_WALKER_SIMULATOR_H
 #define BITNEAT_WALKER_SIMULATOR_H
 
+#include "network.h"
 #include "walker.h"
 
 /* A walker with its own ground and random numbers. */
@@ -21,9 +22,11 @@ struct shaping {
     int32_t max_steps, stall_steps;
 };
 
-/* A controller and how it sees and acts: factor and limit for each input, and a table of actions, 2 One + 1 for each output. */
+/* A controller and how it sees and acts: factor and limit for each input, and a table of actions, 2 One + 1 for each output. Or a
+ * float network, which needs none of these; then `controller` is NULL. */
 struct policy {
-    const void *controller; /* a struct bn_controller of num_inputs 24 and num_outputs 4, valid */
+    const void *controller;        /* a struct bn_controller of num_inputs 24 and num_outputs 4, valid */
+    const struct network *network; /* likewise */
     const double *factor, *limit;
     const float *actions;
     int32_t one;
