@@ -20,11 +20,10 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.polish import Polish
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Score
-from bitneat.network import FloatNetwork, decode
+from bitneat.network import FloatNetwork, Policy
 from bitneat.quantize import QuantizeError, round_weights, spend_gains, threshold_weights, to_ternary
 from bitneat.quantize.scaling import rescaled
-from bitneat.sim import bipedal
-from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, default_inputs, make, one_limit
+from bitneat.sim.environment import EnvironmentInfo, EpisodeRunner, default_inputs, one_limit
 from bitneat.version import __version__
 
 METHODS = ("round", "twn", "gains", "search")
@@ -33,7 +32,7 @@ REPORT_EPISODES = 100
 SELECTION_EPISODES = 64
 DEFAULT_GENERATIONS = 60
 
-_BITS = (1, 2, 3, 4, 5, 6)
+_BITS = (1, 2, 3, 4, 5, 6, 7)
 _TERMS = (1, 2, None)
 _FIRST_EPISODES = 16
 _GO_ON = 6
@@ -109,30 +108,43 @@ class Outcome:
 
 
 class Arena:
-    """Where policies are compared: an evaluator, and the environment for what it does not run."""
+    """The environment of a champion, and what runs episodes in it."""
 
     def __init__(self, spec: EnvironmentSpec, info: EnvironmentInfo, max_steps: int, evaluator: Evaluator) -> None:
         self.spec, self.info, self.max_steps, self.evaluator = spec, info, max_steps, evaluator
 
-    def score(self, policy: FloatNetwork | Controller, seeds: Sequence[int]) -> Score:
+    def score(self, policy: Policy, seeds: Sequence[int]) -> Score:
         """The official rewards."""
-        if isinstance(policy, Controller):
-            return Score.of(self.evaluator.evaluate([policy], seeds)[0])
-        return Score.of([_float_episode(self, policy, seed) for seed in seeds])
+        return Score.of(self.evaluator.evaluate([policy], seeds)[0])
 
     def peaks(self, network: FloatNetwork) -> list[float]:
         """The largest size that each node's value reaches in a few episodes of the selection seeds."""
-        first = network.num_inputs
-        everything = replace(network, outputs=tuple(range(first, first + len(network.nodes))))
-        peaks = [0.0] * len(network.nodes)
-
-        def watch(observation: Sequence[float]) -> None:
-            for place, value in enumerate(everything.step(observation)):
-                peaks[place] = max(peaks[place], abs(value))
-
+        watched = _Watched(network)
+        run = EpisodeRunner(self.spec, network, self.info.action, watched, "auto")
         for seed in selection_seeds(_PEAK_EPISODES):
-            _float_episode(self, network, seed, watch)
-        return peaks
+            run(seed, self.max_steps)
+        return watched.peaks
+
+
+class _Watched:
+    """A network that runs, and takes note of the largest size of each node's value."""
+
+    def __init__(self, network: FloatNetwork) -> None:
+        first = network.num_inputs
+        self._everything = replace(network, outputs=tuple(range(first, first + len(network.nodes))))
+        self._outputs = network.outputs
+        self.peaks = [0.0] * len(network.nodes)
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def step(self, inputs: Any) -> list[float]:
+        """The outputs for an observation."""
+        observation = [float(value) for value in inputs]
+        values = self._everything.step(observation)
+        self.peaks = [max(peak, abs(value)) for peak, value in zip(self.peaks, values, strict=True)]
+        signals = observation + values
+        return [signals[index] for index in self._outputs]
 
 
 def quantize(
@@ -307,25 +319,3 @@ def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[
     found = [Candidate(entry.controller, how) for entry in polish.ranking() if entry.controller.sha256 not in started]
     # The start itself stays in the choice, so that a search never makes it worse on the selection seeds.
     return sorted([*_trials(found[:_GO_ON], arena, SELECTION_EPISODES, tell), *trials[:1]], key=_order) + trials[1:]
-
-
-def _float_episode(
-    arena: Arena, network: FloatNetwork, seed: int, watch: Callable[[Sequence[float]], None] | None = None
-) -> EpisodeResult:
-    """One episode of a float network in a fresh environment, as `EpisodeRunner` runs those of controllers."""
-    lean = bipedal.serves(arena.spec)
-    environment = bipedal.make(arena.spec, network.used_inputs()) if lean else make(arena.spec)
-    try:
-        observation, _ = environment.reset(seed=seed)
-        total, steps, terminated, truncated = 0.0, 0, False, False
-        while not (terminated or truncated) and steps < arena.max_steps:
-            values = observation.reshape(-1).tolist()
-            if watch is not None:
-                watch(values)
-            action = decode(arena.info.action, network.step(values))
-            observation, reward, terminated, truncated, _ = environment.step(action)
-            total += float(reward)
-            steps += 1
-        return EpisodeResult(total, total, steps, bool(terminated), False)
-    finally:
-        environment.close()
