@@ -7,6 +7,7 @@ which decide nothing. ``search`` then goes on from the best by small changes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -282,12 +283,12 @@ def _inputs(network: FloatNetwork, frac_bits: int, arena: Arena | None) -> tuple
 
 
 def _choose(candidates: Sequence[Candidate], arena: Arena, tell: Callable[[str], None]) -> list[Trial]:
-    """All of them, the best on the selection seeds first; of equals the smallest."""
+    """All of them, the chosen one first."""
     if len(candidates) > _GO_ON:
         first = _trials(candidates, arena, _FIRST_EPISODES, tell)
         finalists = [trial.candidate for trial in first[:_GO_ON]]
-        return _trials(finalists, arena, SELECTION_EPISODES, tell) + first[_GO_ON:]
-    return _trials(candidates, arena, SELECTION_EPISODES, tell)
+        return _smallest_first(_trials(finalists, arena, SELECTION_EPISODES, tell)) + first[_GO_ON:]
+    return _smallest_first(_trials(candidates, arena, SELECTION_EPISODES, tell))
 
 
 def _trials(candidates: Sequence[Candidate], arena: Arena, episodes: int, tell: Callable[[str], None]) -> list[Trial]:
@@ -297,6 +298,16 @@ def _trials(candidates: Sequence[Candidate], arena: Arena, episodes: int, tell: 
         trials.append(Trial(candidate, score))
         tell(f"candidate {number} of {len(candidates)}, {candidate}: {score.mean:.1f} over {episodes} episodes")
     return sorted(trials, key=_order)
+
+
+def _smallest_first(trials: Sequence[Trial]) -> list[Trial]:
+    """The smallest of those that cannot be told from the best, within one standard error, and then the others in their order."""
+    best = trials[0].score
+    assert best is not None
+    bound = best.mean - best.std / math.sqrt(best.episodes)
+    equal = [trial for trial in trials if trial.score is not None and trial.score.mean >= bound]
+    chosen = min(equal, key=lambda trial: (len(pack(trial.candidate.controller)), _order(trial)))
+    return [chosen, *(trial for trial in trials if trial is not chosen)]
 
 
 def _order(trial: Trial) -> tuple[float, int, str]:
@@ -318,4 +329,5 @@ def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[
     how = {"method": "search", "generations": request.generations, "seed": request.seed, "from": str(starts[0])}
     found = [Candidate(entry.controller, how) for entry in polish.ranking() if entry.controller.sha256 not in started]
     # The start itself stays in the choice, so that a search never makes it worse on the selection seeds.
-    return sorted([*_trials(found[:_GO_ON], arena, SELECTION_EPISODES, tell), *trials[:1]], key=_order) + trials[1:]
+    finalists = sorted([*_trials(found[:_GO_ON], arena, SELECTION_EPISODES, tell), *trials[:1]], key=_order)
+    return _smallest_first(finalists) + trials[1:]
