@@ -44,7 +44,7 @@ _HEADROOM = 4.0
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Variant:
     """A controller and how it was made, as plain data."""
 
     controller: Controller
@@ -58,7 +58,7 @@ class Candidate:
 class Trial:
     """A candidate's score on the selection seeds; None if there is no environment."""
 
-    candidate: Candidate
+    candidate: Variant
     score: Score | None
 
     def to_data(self) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def quantize(
     return Outcome(champion, before, after, tuple(trials), chosen.candidate.how.get("exact") is True)
 
 
-def _candidates(source: AnyChampion, request: Request, arena: Arena | None) -> Iterator[Candidate]:
+def _candidates(source: AnyChampion, request: Request, arena: Arena | None) -> Iterator[Variant]:
     """Without repetitions, the finest last."""
     made = _of_integers(source, request) if isinstance(source, Champion) else _of_floats(source, request, arena)
     known: set[str] = set()
@@ -215,7 +215,7 @@ def _candidates(source: AnyChampion, request: Request, arena: Arena | None) -> I
             continue
         if controller.sha256 not in known:
             known.add(controller.sha256)
-            yield Candidate(controller, how)
+            yield Variant(controller, how)
     if not known:
         raise failure or QuantizeError("there is no such controller")
 
@@ -282,7 +282,7 @@ def _inputs(network: FloatNetwork, frac_bits: int, arena: Arena | None) -> tuple
     return plain, one_limit(default_inputs(arena.info, frac_bits))
 
 
-def _choose(candidates: Sequence[Candidate], arena: Arena, tell: Callable[[str], None]) -> list[Trial]:
+def _choose(candidates: Sequence[Variant], arena: Arena, tell: Callable[[str], None]) -> list[Trial]:
     """All of them, the chosen one first."""
     if len(candidates) > _GO_ON:
         first = _trials(candidates, arena, _FIRST_EPISODES, tell)
@@ -291,7 +291,7 @@ def _choose(candidates: Sequence[Candidate], arena: Arena, tell: Callable[[str],
     return _smallest_first(_trials(candidates, arena, SELECTION_EPISODES, tell))
 
 
-def _trials(candidates: Sequence[Candidate], arena: Arena, episodes: int, tell: Callable[[str], None]) -> list[Trial]:
+def _trials(candidates: Sequence[Variant], arena: Arena, episodes: int, tell: Callable[[str], None]) -> list[Trial]:
     trials = []
     for number, candidate in enumerate(candidates, start=1):
         score = arena.score(candidate.controller, selection_seeds(episodes))
@@ -327,7 +327,7 @@ def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[
         )
     started = {start.controller.sha256 for start in starts}
     how = {"method": "search", "generations": request.generations, "seed": request.seed, "from": str(starts[0])}
-    found = [Candidate(entry.controller, how) for entry in polish.ranking() if entry.controller.sha256 not in started]
+    found = [Variant(entry.controller, how) for entry in polish.ranking() if entry.controller.sha256 not in started]
     # The start itself stays in the choice, so that a search never makes it worse on the selection seeds.
     finalists = sorted([*_trials(found[:_GO_ON], arena, SELECTION_EPISODES, tell), *trials[:1]], key=_order)
     return _smallest_first(finalists) + trials[1:]
