@@ -39,6 +39,13 @@ RULES = (
     Rule("bitneat.verify", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.sim", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.verify", "bitneat.cli")),
     Rule("bitneat.evolve", never=("bitneat.codegen", "bitneat.verify", "bitneat.cli")),
+    Rule(
+        "bitneat.quantize",
+        only=("bitneat.quantize", "bitneat.controller", "bitneat.network", "bitneat.errors", "bitneat.version"),
+    ),
+    Rule(
+        "bitneat.policy", never=("neat", "gymnasium", "bitneat.evolve", "bitneat.sim", "bitneat.cli", "bitneat.codegen")
+    ),
     Rule("bitneat.report", never=("bitneat.cli",)),
     Rule("bitneat.champion", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.runtime", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.cli")),
@@ -130,6 +137,8 @@ def test_the_check_finds_a_planted_import(module: str, line: str, chain: str, tm
         ("codegen", ("neat", "gymnasium", "bitneat.evolve", "bitneat.cli")),
         ("verify", ("neat", "bitneat.evolve", "bitneat.cli")),
         ("evolve", ("bitneat.codegen", "bitneat.verify", "bitneat.cli")),
+        ("quantize", ("neat", "gymnasium", "bitneat.evolve", "bitneat.sim", "bitneat.files")),
+        ("policy", ("neat", "gymnasium", "torch", "bitneat.evolve", "bitneat.sim")),
     ],
 )
 def test_a_fresh_interpreter_loads_no_more_than_the_rules_allow(part: str, absent: tuple[str, ...]) -> None:

@@ -114,12 +114,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _inputs(info: EnvironmentInfo) -> tuple[Input, ...]:
     """The scales that the bounds of the observation suggest, and one limit for all, which packs into a few bits."""
-    from bitneat.controller import Input
-    from bitneat.sim.environment import default_inputs
+    from bitneat.sim.environment import default_inputs, one_limit
 
-    inputs = default_inputs(info, _FRAC_BITS)
-    limit = (1 << max(entry.limit for entry in inputs).bit_length()) - 1
-    return tuple(Input(entry.scale, limit) for entry in inputs)
+    return one_limit(default_inputs(info, _FRAC_BITS))
 
 
 def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any]]:

@@ -41,13 +41,19 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reproduce": (
         "bitneat.cli.reproduce",
         "run the Bit-Pedal Walker paper's experiments again: tables, figures, verdicts",
+    "quantize": (
+        "bitneat.cli.quantize",
+        "make a float champion an integer or ternary one, an integer champion ternary",
     ),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
     "size": ("bitneat.cli.size", "say what a champion takes: links, packed bytes, flash, RAM and stack"),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
-    "import": ("bitneat.cli.import_", "make a champion from a genome pickled by plain neat-python"),
+    "import": (
+        "bitneat.cli.import_",
+        "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file",
+    ),
 }
 """Name of a sub-command: its module, and its one line of help."""
 

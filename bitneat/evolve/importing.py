@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""From a genome that plain neat-python pickled to a controller.
+"""From a genome that plain neat-python pickled to a controller, or to a float network.
 
 The pickle is foreign, so `bitneat.unpickle` reads it; it knows three class names, neat-python's genome and genes, and builds
 stand-ins for them: no code of the file or of neat-python runs.
@@ -10,15 +10,17 @@ from __future__ import annotations
 import configparser
 import heapq
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bitneat.controller import Constant, Controller, ControllerError, Input, Link, Node, Signal
+from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import GAIN_RANGE, MAX_SIGNALS, SHIFT_RANGE
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
+from bitneat.network import MAX_VALUE, FloatNetwork, FloatNode
 from bitneat.unpickle import Record, UnpickleError, read
 
 MAX_GENOME_BYTES = 16 * 1024 * 1024
@@ -110,31 +112,9 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
     Raises:
         BitneatError: naming the gene and what a controller cannot express.
     """
-    if len(genome.nodes) > MAX_SIGNALS:
-        raise GenomeImportError(f"the genome has {len(genome.nodes)} nodes, a controller at most {MAX_SIGNALS}")
-    for key in genome.nodes:
-        if type(key) is not int or key < 0:
-            raise GenomeImportError(f"node {key!r:.40}: expected an integer from 0 as key")
-    into: dict[int, list[tuple[int, int]]] = {key: [] for key in genome.nodes}
-    for key, gene in genome.connections.items():
-        source, target = _connection_key(key)
-        enabled = getattr(gene, "enabled", None)
-        if type(enabled) is not bool:
-            raise GenomeImportError(
-                f"connection {source} -> {target}: enabled is {enabled!r:.40}, expected True or False"
-            )
-        if target not in into or (source not in into and not -shape.num_inputs <= source < 0):
-            raise GenomeImportError(f"connection {source} -> {target}: leads to or from a node that is not there")
-        if enabled:
-            into[target].append((source, _integer(gene, "weight", f"connection {source} -> {target}")))
-    for output in range(shape.num_outputs):
-        if output not in genome.nodes:
-            raise GenomeImportError(
-                f"output {output}: the genome has no such node; does the configuration belong to it?"
-            )
+    into = _links_into(genome, shape, _integer)
     order = _order(into, shape)
-    number = {-1 - index: index for index in range(shape.num_inputs)}
-    number.update({key: shape.num_inputs + position for position, key in enumerate(order)})
+    number = _numbers(order, shape)
     nodes = tuple(_node(genome.nodes[key], key, into[key], number, frac_bits) for key in order)
     outputs = tuple(Signal(number[key]) for key in range(shape.num_outputs))
     try:
@@ -146,27 +126,85 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
     return controller
 
 
-def signed_digits(value: int) -> list[tuple[int, int]]:
-    """The canonical signed digits of an integer: (sign, shift) with no two neighbouring shifts."""
-    digits = []
-    shift = 0
-    while value:
-        if value & 1:
-            digit = 2 - (value & 3)  # 1 or -1, whichever leaves a number divisible by four
-            digits.append((digit, shift))
-            value -= digit
-        value >>= 1
-        shift += 1
-    return digits
+def convert_float(genome: Any, shape: NeatShape) -> FloatNetwork:
+    """The float network that computes what the genome does, without the nodes that no output needs.
+
+    Raises:
+        BitneatError: naming the gene and what a float network cannot express.
+    """
+    into = _links_into(genome, shape, _number)
+    needed = set(range(shape.num_outputs))
+    waiting = list(needed)
+    while waiting:
+        sources = {source for source, _ in into[waiting.pop()] if source >= 0} - needed
+        needed |= sources
+        waiting += sources
+    order = [key for key in _order(into, shape) if key in needed]
+    number = _numbers(order, shape)
+    nodes = []
+    for key in order:
+        gene, where = genome.nodes[key], f"node {key}"
+        activation = _activation(gene, where, len(into[key]))
+        links = tuple((number[source], weight) for source, weight in into[key])
+        nodes.append(FloatNode(links, _number(gene, "bias", where), _number(gene, "response", where), activation))
+    if not any(source < 0 for key in needed for source, _ in into[key]):
+        raise GenomeImportError("the genome has no path from any input to an output")
+    return FloatNetwork(shape.num_inputs, tuple(nodes), tuple(number[key] for key in range(shape.num_outputs)))
+
+
+def is_whole(genome: Any) -> bool:
+    """Whether all weights and biases are integers and all responses powers of two, as far as they are numbers at all."""
+    numbers = [getattr(gene, "weight", None) for gene in genome.connections.values() if getattr(gene, "enabled", None)]
+    numbers += [getattr(gene, "bias", None) for gene in genome.nodes.values()]
+    responses = [getattr(gene, "response", None) for gene in genome.nodes.values()]
+    return all(type(value) is not float or not math.isfinite(value) or value.is_integer() for value in numbers) and all(
+        type(value) is not float or not math.isfinite(value) or abs(math.frexp(value)[0]) in (0.0, 0.5)
+        for value in responses
+    )
+
+
+_Weight = TypeVar("_Weight", int, float)
+
+
+def _links_into(
+    genome: Any, shape: NeatShape, read: Callable[[Any, str, str], _Weight]
+) -> dict[int, list[tuple[int, _Weight]]]:
+    """The enabled links, (source, weight), into each node, in the order of the genome."""
+    if len(genome.nodes) > MAX_SIGNALS:
+        raise GenomeImportError(f"the genome has {len(genome.nodes)} nodes, a controller at most {MAX_SIGNALS}")
+    for key in genome.nodes:
+        if type(key) is not int or key < 0:
+            raise GenomeImportError(f"node {key!r:.40}: expected an integer from 0 as key")
+    into: dict[int, list[tuple[int, _Weight]]] = {key: [] for key in genome.nodes}
+    for key, gene in genome.connections.items():
+        source, target = _connection_key(key)
+        enabled = getattr(gene, "enabled", None)
+        if type(enabled) is not bool:
+            raise GenomeImportError(
+                f"connection {source} -> {target}: enabled is {enabled!r:.40}, expected True or False"
+            )
+        if target not in into or (source not in into and not -shape.num_inputs <= source < 0):
+            raise GenomeImportError(f"connection {source} -> {target}: leads to or from a node that is not there")
+        if enabled:
+            into[target].append((source, read(gene, "weight", f"connection {source} -> {target}")))
+    for output in range(shape.num_outputs):
+        if output not in genome.nodes:
+            raise GenomeImportError(
+                f"output {output}: the genome has no such node; does the configuration belong to it?"
+            )
+    return into
+
+
+def _numbers(order: list[int], shape: NeatShape) -> dict[int, int]:
+    """The signal of each input and node."""
+    number = {-1 - index: index for index in range(shape.num_inputs)}
+    number.update({key: shape.num_inputs + position for position, key in enumerate(order)})
+    return number
 
 
 def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int, int], frac_bits: int) -> Node:
     where = f"node {key}"
-    activation, aggregation = getattr(gene, "activation", None), getattr(gene, "aggregation", None)
-    if activation not in NEAT_ACTIVATIONS:
-        raise GenomeImportError(f"{where}: activation {activation!r:.40} is not one of {', '.join(NEAT_ACTIVATIONS)}")
-    if aggregation != "sum" and len(sources) > 1:
-        raise GenomeImportError(f"{where}: aggregation {aggregation!r:.40}: a node of a controller can only sum")
+    activation = _activation(gene, where, len(sources))
     gain = _exponent(getattr(gene, "response", None), where)
     # neat-python adds the bias after the response, a controller before the gain.
     bias = _integer(gene, "bias", where) << frac_bits
@@ -177,13 +215,22 @@ def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int,
     bias = bias >> gain if gain > 0 else bias << -gain
     links = []
     for source, weight in sources:
-        for sign, shift in signed_digits(weight):
+        for shift, sign in signed_powers(weight):
             if shift > SHIFT_RANGE[1]:
                 raise GenomeImportError(
                     f"connection {source} -> {key}: weight {weight} is too large for shifts up to 7"
                 )
             links.append(Link(number[source], 0, shift, sign))
     return Node(tuple(sorted(links)), bias, gain, activation)
+
+
+def _activation(gene: Any, where: str, fan_in: int) -> str:
+    activation, aggregation = getattr(gene, "activation", None), getattr(gene, "aggregation", None)
+    if activation not in NEAT_ACTIVATIONS:
+        raise GenomeImportError(f"{where}: activation {activation!r:.40} is not one of {', '.join(NEAT_ACTIVATIONS)}")
+    if aggregation != "sum" and fan_in > 1:
+        raise GenomeImportError(f"{where}: aggregation {aggregation!r:.40}: a node of a controller can only sum")
+    return str(activation)
 
 
 def _connection_key(key: Any) -> tuple[int, int]:
@@ -203,6 +250,13 @@ def _integer(gene: Any, name: str, where: str) -> int:
     return int(value)
 
 
+def _number(gene: Any, name: str, where: str) -> float:
+    value: Any = getattr(gene, name, None)
+    if type(value) not in (int, float) or not abs(value) <= MAX_VALUE:  # NaN is not
+        raise GenomeImportError(f"{where}: {name} is {value!r:.40}, expected a number of at most {MAX_VALUE:g} in size")
+    return float(value)
+
+
 def _exponent(response: Any, where: str) -> int:
     if type(response) not in (int, float) or not 0 < response < 1 << 20:
         raise GenomeImportError(f"{where}: response is {response!r:.40}, expected a power of two")
@@ -214,7 +268,7 @@ def _exponent(response: Any, where: str) -> int:
     return exponent - 1
 
 
-def _order(into: dict[int, list[tuple[int, int]]], shape: NeatShape) -> list[int]:
+def _order(into: Mapping[int, Sequence[tuple[int, float]]], shape: NeatShape) -> list[int]:
     """Hidden nodes in topological order, then the outputs that no node reads."""
     missing = {key: sum(source >= 0 for source, _ in sources) for key, sources in into.items()}
     readers: dict[int, list[int]] = {key: [] for key in into}

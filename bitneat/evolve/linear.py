@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
+from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import GAIN_RANGE
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
@@ -225,20 +226,6 @@ class _Constants:
         self.rank_one = faster * 2 / ((n + 1.3) ** 2 + m)  # c_1
         self.rank_many = min(1 - self.rank_one, faster * 2 * (m - 2 + 1 / m) / ((n + 2) ** 2 + m))  # c_mu
         self.normal_length = math.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))
-
-
-def signed_powers(value: int) -> list[tuple[int, int]]:
-    """The fewest signed powers of two that add up to an integer (the canonical signed digits): exponents and signs."""
-    digits = []
-    power = 0
-    while value:
-        if value & 1:
-            sign = 2 - (value & 3)
-            digits.append((power, sign))
-            value -= sign
-        value >>= 1
-        power += 1
-    return digits
 
 
 def _weighted(weights: Sequence[float], rows: Floats) -> Floats:

@@ -7,10 +7,10 @@ import heapq
 from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
+from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
-from bitneat.evolve.linear import signed_powers
 from bitneat.evolve.plain import PlainGenome, wiring
 from bitneat.network import FloatNetwork, FloatNode, Policy
 

@@ -40,6 +40,7 @@ __all__ = [
     "default_inputs",
     "inspect",
     "make",
+    "one_limit",
     "used_inputs",
 ]
 
@@ -241,6 +242,13 @@ def default_inputs(info: EnvironmentInfo, frac_bits: int, scales: tuple[int, ...
             limit = int(min(max(math.ceil(math.ldexp(bound, frac_bits + scale)), 1), 32767))
         inputs.append(Input(scale, limit))
     return tuple(inputs)
+
+
+def one_limit(inputs: Iterable[Input]) -> tuple[Input, ...]:
+    """The inputs with one limit for all, of the form 2^k - 1 and at least the largest of theirs: it packs into a few bits."""
+    inputs = tuple(inputs)
+    limit = (1 << max(entry.limit for entry in inputs).bit_length()) - 1
+    return tuple(Input(entry.scale, limit) for entry in inputs)
 
 
 def _scale_for(bound: float, frac_bits: int) -> int:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import pickle
 import random
-from itertools import pairwise
 from pathlib import Path
 
 import neat
@@ -16,7 +15,7 @@ from bitneat import champion as champions
 from bitneat.cli.main import main
 from bitneat.controller import Input, Reference
 from bitneat.errors import BitneatError
-from bitneat.evolve.importing import NeatShape, convert, read_genome, read_shape, signed_digits
+from bitneat.evolve.importing import NeatShape, convert, convert_float, is_whole, read_genome, read_shape
 
 CONFIG = """
 [NEAT]
@@ -124,12 +123,53 @@ def test_integer_genomes_compute_what_neat_python_computes(config_file: Path) ->
             assert found == pytest.approx([max(-LARGEST, min(LARGEST, y)) for y in expected], abs=0.08), f"seed {seed}"
 
 
-def test_signed_digits_are_canonical() -> None:
-    for value in range(-600, 601):
-        digits = signed_digits(value)
-        assert sum(sign << shift if sign > 0 else -(1 << shift) for sign, shift in digits) == value
-        shifts = [shift for _, shift in digits]
-        assert all(b - a >= 2 for a, b in pairwise(shifts))
+def test_float_genomes_compute_neat_pythons_very_bits(config_file: Path) -> None:
+    for seed in range(60):
+        genome, config = make(config_file, seed)
+        for link in genome.connections.values():
+            link.weight = random.gauss(0, 2)
+        for node in genome.nodes.values():
+            node.bias, node.response = random.gauss(0, 1), random.gauss(1, 1)
+            node.activation = random.choice(["tanh", "sigmoid", "sin", "gauss", "clamped", "relu", "hat", "identity"])
+        try:
+            network = convert_float(genome, SHAPE)
+        except BitneatError as error:
+            assert "no path from any input" in str(error)
+            continue
+        theirs = neat.nn.FeedForwardNetwork.create(genome, config)
+        for _ in range(5):
+            values = [random.gauss(0, 1) for _ in range(3)]
+            assert network.step(values) == theirs.activate(values), f"seed {seed}"
+
+
+def test_a_genome_is_whole_if_nothing_must_be_rounded(config_file: Path) -> None:
+    genome, _ = make(config_file, 3)
+    assert is_whole(genome)
+    next(iter(genome.nodes.values())).response = 0.75
+    assert not is_whole(genome)
+    genome, _ = make(config_file, 3)
+    next(iter(genome.nodes.values())).bias = 0.5
+    assert not is_whole(genome)
+
+
+@pytest.mark.parametrize(
+    ("part", "values", "message"),
+    [
+        ("connections", {"weight": float("inf")}, "weight is inf, expected a number"),
+        ("connections", {"weight": True}, "weight is True, expected a number"),
+        ("nodes", {"bias": 10**400}, "bias is 1000.*, expected a number"),
+        ("nodes", {"response": None}, "response is None, expected a number"),
+        ("nodes", {"aggregation": "max"}, "aggregation 'max'"),
+    ],
+)
+def test_what_no_float_network_expresses_is_said(
+    config_file: Path, part: str, values: dict[str, object], message: str
+) -> None:
+    genome, _ = make(config_file, 3)
+    for link in genome.connections.values():
+        link.enabled = True
+    with pytest.raises(BitneatError, match=message):
+        convert_float(change(genome, part, **values), SHAPE)
 
 
 def change(genome: object, part: str, **values: object) -> object:
@@ -279,3 +319,25 @@ def test_the_command_writes_a_champion(tmp_path: Path, config_file: Path, capsys
     assert "CartPole-v1 needs 4 and 2" in capsys.readouterr().err
     assert main([*arguments, "--env", "Pendulum-v1", "--import", "no_such_module"]) == 2
     assert "--import no_such_module: No module named" in capsys.readouterr().err
+
+
+def test_a_float_genome_becomes_a_float_champion_and_it_is_said(
+    tmp_path: Path, config_file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    genome, _ = make(config_file, 5)
+    path, output = tmp_path / "winner.pkl", tmp_path / "champion.pkl"
+    path.write_bytes(pickle.dumps(genome))
+    arguments = ["import", str(path), "--config", str(config_file), "-o", str(output)]
+    assert main([*arguments, "--float"]) == 0
+    assert capsys.readouterr().err == ""
+    champion = champions.load_any(output)
+    assert isinstance(champion, champions.FloatChampion)
+    assert champion.network == convert_float(genome, SHAPE)
+    next(iter(genome.connections.values())).weight = 0.37
+    next(iter(genome.connections.values())).enabled = True
+    path.write_bytes(pickle.dumps(genome))
+    assert main(arguments) == 0
+    assert "imported as a float network" in capsys.readouterr().err
+    assert isinstance(champions.load_any(output), champions.FloatChampion)
+    assert main([*arguments, "--to", "ternary"]) == 0
+    assert champions.load(output).controller.is_ternary

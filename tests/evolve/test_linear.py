@@ -5,16 +5,13 @@ import json
 import math
 import random
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from bitneat.controller import Controller, Input, Reference
 from bitneat.errors import BitneatError
-from bitneat.evolve.linear import LinearSearch, signed_powers
+from bitneat.evolve.linear import LinearSearch
 from bitneat.sim.environment import EpisodeResult, Shaping
 
 INPUTS = (Input(0, 2047),) * 3
@@ -45,14 +42,6 @@ class Landscape:
 
     def close(self) -> None:
         pass
-
-
-@given(st.integers(-(2**20), 2**20))
-def test_signed_powers_add_up_and_no_two_are_neighbours(value: int) -> None:
-    digits = signed_powers(value)
-    assert sum(sign << power for power, sign in digits) == value
-    powers = [power for power, _ in digits]
-    assert all(b - a >= 2 for a, b in pairwise(powers))
 
 
 def test_the_strategy_comes_near_the_target() -> None:
