@@ -4,8 +4,25 @@
 Nothing here imports those libraries before `train` is called. See docs/baselines.md.
 """
 
-from bitneat.baselines.result import BaselineResult
-from bitneat.baselines.settings import METHODS, ArsSettings, DqnSettings, PpoSettings
-from bitneat.baselines.training import TrainingProgress, train
+from importlib import import_module
+from typing import TYPE_CHECKING
 
-__all__ = ["METHODS", "ArsSettings", "BaselineResult", "DqnSettings", "PpoSettings", "TrainingProgress", "train"]
+if TYPE_CHECKING:
+    from bitneat.baselines.result import BaselineResult
+    from bitneat.baselines.training import TrainingProgress, load_result, train
+else:
+
+    def __getattr__(name: str) -> object:
+        # NumPy and Gymnasium are loaded when one of these is first asked for.
+        homes = {
+            "BaselineResult": "result",
+            "TrainingProgress": "training",
+            "load_result": "training",
+            "train": "training",
+        }
+        if name not in homes:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(f"{__name__}.{homes[name]}"), name)
+
+
+__all__ = ["BaselineResult", "TrainingProgress", "load_result", "train"]
