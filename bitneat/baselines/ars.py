@@ -34,8 +34,10 @@ class _Ars:
     def __init__(self, settings: ArsSettings, seed: int) -> None:
         from sb3_contrib import ARS
 
-        # All episodes are those of the candidates; the library wants an environment for its spaces and statistics.
+        # All episodes are those of the candidates; the library wants an environment for its spaces
+        # and statistics, and resets it, which must not count.
         self._env = normalized(1, norm_reward=False, clip_obs=np.inf)
+        self._env.training = False
         self.model = ARS(
             "LinearPolicy",
             self._env,

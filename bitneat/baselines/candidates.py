@@ -67,7 +67,10 @@ class Candidates:
         def act(which: npt.NDArray[np.int32], observations: Floats) -> Floats:
             seen.append(observations)
             normal = ((observations - mean) / deviation).astype(np.float32)
-            actions: Floats = np.matmul(weights[which], normal[:, :, None])[:, :, 0] + bias[which]
+            # One input after the other: a matrix product's order, and so its last bits, may depend on where the arrays lie.
+            actions = bias[which]
+            for source in range(NUM_OBSERVATIONS):
+                actions += weights[which, :, source] * normal[:, source, None]
             return actions
 
         self.returns, self._lengths = run_policy(act, episode_seeds(self._seed, self.updates, pop_size), threads=1)

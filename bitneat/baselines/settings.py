@@ -14,13 +14,14 @@ from dataclasses import dataclass
 class ArsSettings:
     """Augmented random search with a linear policy without bias, observations normalised.
 
-    The zoo's settings for BipedalWalker-v3 are for a network of 16 hidden nodes.
+    Numbers of perturbations and the offset are the zoo's for BipedalWalker-v3. Its step sizes, 0.0075 and 0.02, are for a network of
+    16 hidden nodes; with them a linear policy still fell after 8.5 million steps.
     """
 
     n_delta: int = 64
     n_top: int = 32
-    learning_rate: float = 0.02
-    delta_std: float = 0.0075
+    learning_rate: float = 0.05
+    delta_std: float = 0.1
     alive_bonus_offset: float = -0.1
     """Added to the reward of every step in training."""
 
@@ -76,5 +77,5 @@ METHODS: Mapping[str, type[ArsSettings] | type[PpoSettings] | type[DqnSettings]]
 }
 """The methods by name, with their settings."""
 
-DEFAULT_STEPS: Mapping[str, int] = {"ars": 25_000_000, "ppo": 5_000_000, "dqn": 1_000_000}
+DEFAULT_STEPS: Mapping[str, int] = {"ars": 20_000_000, "ppo": 5_000_000, "dqn": 1_000_000}
 """Budgets in steps of the environment, where none is given."""

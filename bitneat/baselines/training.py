@@ -105,7 +105,8 @@ def load_result(folder: str | Path) -> BaselineResult:
     folder = Path(folder)
     try:
         data = json.loads(read_capped(folder / RESULT, _CAP))
-        dense = dense_from_npz(read_capped(folder / POLICY, _CAP), data["hidden"], clipped=data["system"] != "dqn")
+        hidden, clipped = data["hidden"], data["system"] != "dqn"
+        dense = dense_from_npz(read_capped(folder / POLICY, _CAP), hidden, clipped)
         held_out, library = HeldOut(**data["held_out"]), HeldOut(**data["library_held_out"])
         return BaselineResult(
             data["system"],

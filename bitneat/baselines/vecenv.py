@@ -12,7 +12,7 @@ from gymnasium.spaces import Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from bitneat.sim.walker.vector import WalkerVectorEnv
+from bitneat.sim.walker.vector import STEP_LIMIT, WalkerVectorEnv
 
 
 class WalkerVecEnv(VecEnv):
@@ -25,10 +25,14 @@ class WalkerVecEnv(VecEnv):
     Args:
         num_envs: how many.
         table: if given, (actions, 4), an action is the index of a row.
+        max_episode_steps: the time limit.
     """
 
-    def __init__(self, num_envs: int, table: npt.NDArray[np.float32] | None = None) -> None:
-        self._envs = WalkerVectorEnv(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, threads=1)
+    def __init__(
+        self, num_envs: int, table: npt.NDArray[np.float32] | None = None, max_episode_steps: int = STEP_LIMIT
+    ) -> None:
+        mode = AutoresetMode.SAME_STEP
+        self._envs = WalkerVectorEnv(num_envs, max_episode_steps=max_episode_steps, autoreset_mode=mode, threads=1)
         self._table = table
         self._actions: npt.NDArray[Any] = np.zeros((num_envs, 4), np.float32)
         self._rewards = np.zeros(num_envs, np.float64)
