@@ -88,10 +88,12 @@ def train(
             raise BitneatError(f"{name}: expected a whole number in {least}..{most}, got {value!r}")
     folder = Path(folder)
     run = _run_data(method, steps, seed, settings, report_episodes)
+    finished = (folder / RESULT).exists()
+    # Before the folder is made: without the libraries nothing is left behind.
+    versions = {} if finished else {"bitneat": __version__, **_versions()}
     _claim(folder, run)
-    if (folder / RESULT).exists():
+    if finished:
         return load_result(folder)
-    versions = {"bitneat": __version__, **_versions()}
     with _isolated():
         return _train(run, settings, folder, progress or (lambda _: None), versions)
 

@@ -260,7 +260,8 @@ def test_a_missing_library_is_one_line_that_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(BitneatError, match=r"not installed; pip install bitneat\[baselines\]$"):
-        small("ars", tmp_path)
+        small("ars", tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_librarys_environment_tells_ends_as_the_librarys_own_does(libraries: None) -> None:
