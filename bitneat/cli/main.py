@@ -41,9 +41,14 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reproduce": (
         "bitneat.cli.reproduce",
         "run the Bit-Pedal Walker paper's experiments again: tables, figures, verdicts",
+    ),
     "quantize": (
         "bitneat.cli.quantize",
         "make a float champion an integer or ternary one, an integer champion ternary",
+    ),
+    "baseline": (
+        "bitneat.cli.baseline",
+        "train a baseline for BipedalWalker-v3 by ARS, PPO or DQN (needs bitneat[baselines])",
     ),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
