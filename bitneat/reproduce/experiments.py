@@ -70,10 +70,8 @@ class Budget:
     search_generations: int
     """Of the quantization by search."""
     episodes: Mapping[str, int]
-    """Entries of [evolve]: how many episodes choose and score champions."""
+    """Entries of [evolve] that say how many episodes choose and score champions, where not as in the presets."""
 
-
-_EPISODES = {"selection_episodes": 16, "final_episodes": 64, "report_episodes": 100}
 
 BUDGETS: Mapping[str, Budget] = {
     "paper": Budget(
@@ -87,7 +85,7 @@ BUDGETS: Mapping[str, Budget] = {
         linear_generations=150,
         baseline_steps={"ars": 25_000_000, "ppo": 5_000_000, "dqn": 1_000_000},
         search_generations=60,
-        episodes=_EPISODES,
+        episodes={},
     ),
     "hour": Budget(
         name="hour",
@@ -100,7 +98,7 @@ BUDGETS: Mapping[str, Budget] = {
         linear_generations=120,
         baseline_steps={"ars": 2_000_000, "ppo": 500_000, "dqn": 100_000},
         search_generations=10,
-        episodes=_EPISODES,
+        episodes={},
     ),
     "smoke": Budget(
         name="smoke",

@@ -25,11 +25,13 @@ from bitneat.network import FloatNetwork, Policy
 from bitneat.reproduce.experiments import BETAS, SURVIVAL_THRESHOLDS, Job
 from bitneat.reproduce.results import Result, policy_from_data, policy_to_data
 from bitneat.sim.environment import inspect
-from bitneat.sim.walker.trigonometry import probe_for
+from bitneat.sim.walker.trigonometry import probe_for, refuse_other
 
 WALKER = EnvironmentSpec("BipedalWalker-v3")
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
 _STEPS, _HARDCORE_STEPS = 1600, 2000
+REPORT_EPISODES = 100
+"""That score a champion, if the budget does not say otherwise."""
 _FLOAT_BYTES = 4
 _SNAPSHOTS = 12
 """About so many pictures of the network's growth are kept of a run."""
@@ -77,10 +79,14 @@ def best_cell(results: Mapping[str, Result]) -> tuple[float, float]:
 
 def _evolved(job: Job, folder: Path, results: Mapping[str, Result], command: str) -> Result:
     runs = RunFolder(folder)
+    config = configuration(job, results)
     if (folder / "run.json").exists():
         settings = runs.settings()
+        if settings.config.text != config.text:
+            raise BitneatError(f"{folder}: holds a run with another configuration; remove it")
+        refuse_other(settings.trigonometry, str(folder / "run.json"))
     else:
-        settings = RunSettings(WALKER, configuration(job, results), job.seed, trigonometry=probe_for(WALKER))
+        settings = RunSettings(WALKER, config, job.seed, trigonometry=probe_for(WALKER))
         runs.create(settings)
     info = inspect(WALKER)
     evaluator = NativeWalkerEvaluator(WALKER, _STEPS, 1)
@@ -126,7 +132,7 @@ def _quantized(job: Job, results: Mapping[str, Result], command: str) -> Result:
     outcome = quantize(FloatChampion(network, info.action, WALKER, {}), request, Arena(WALKER, info, _STEPS, evaluator))
     controller = outcome.champion.controller
     Recheck(WALKER, info.action, _STEPS)(_candidate(controller, evaluator))
-    seeds = report_seeds(job.overrides["quantize"]["report_episodes"])
+    seeds = report_seeds(_report_episodes(job))
     score = Score.of(evaluator.evaluate([controller], seeds)[0])
     return _result(
         job,
@@ -144,9 +150,7 @@ def _quantized(job: Job, results: Mapping[str, Result], command: str) -> Result:
 def _baseline(job: Job, folder: Path, command: str) -> Result:
     from bitneat.baselines import train
 
-    trained = train(
-        job.system, job.steps, job.seed, folder, report_episodes=job.overrides["baseline"]["report_episodes"]
-    )
+    trained = train(job.system, job.steps, job.seed, folder, report_episodes=_report_episodes(job))
     walks = trained.actions is None
     small = trained.links <= _MOST_LINKS_KEPT
     return Result(
@@ -195,9 +199,14 @@ def _result(job: Job, command: str, policy: Policy, score: Score, **entries: Any
 
 
 def _score_on(policy: Policy, spec: EnvironmentSpec, max_steps: int, job: Job) -> Score:
-    entries = job.overrides.get("evolve") or job.overrides.get("quantize") or job.overrides["baseline"]
     evaluator = NativeWalkerEvaluator(spec, max_steps, 1)
-    return Score.of(evaluator.evaluate([policy], report_seeds(entries["report_episodes"]))[0])
+    return Score.of(evaluator.evaluate([policy], report_seeds(_report_episodes(job)))[0])
+
+
+def _report_episodes(job: Job) -> int:
+    """Episodes that score a champion."""
+    entries = [section["report_episodes"] for section in job.overrides.values() if "report_episodes" in section]
+    return int(entries[0]) if entries else REPORT_EPISODES
 
 
 def _candidate(policy: Policy, evaluator: Evaluator) -> Candidate:

@@ -57,6 +57,7 @@ def run_all(
     Raises:
         BitneatError: if a job fails.
     """
+    (folder / "results").mkdir(parents=True, exist_ok=True)
     results = load_all(folder / "results")
     waiting = [job for job in jobs if job.name not in results]
     total = len(jobs)
