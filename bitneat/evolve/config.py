@@ -400,6 +400,12 @@ def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> No
         raise ConfigError(f"{where}: [BitGenome] mutate_*: expected at least one above 0")
     if evolve["fall_ramp_end"] < evolve["fall_ramp_start"]:
         raise ConfigError(f"{where}: [evolve] fall_ramp_end: expected at least fall_ramp_start")
+    _check_kinds(sections, where)
+
+
+def _check_kinds(sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    """What the kinds of genome and reproduction ask of each other and of their sections."""
+    evolve = sections["evolve"]
     neat = sections["NEAT"]
     if evolve["linear_generations"] and neat["genome"] != "BitGenome":
         raise ConfigError(f"{where}: [evolve] linear_generations: a linear start is for BitGenome")
@@ -412,6 +418,8 @@ def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> No
             f"{where}: [NEAT] reproduction: expected BitReproduction for BitGenome and WeightAgnostic,"
             " PlainReproduction or SoftmaxReproduction for PlainGenome"
         )
+    if not all(weight and weight * 128 == int(weight * 128) for weight in sections["WeightAgnostic"]["shared_weights"]):
+        raise ConfigError(f"{where}: [WeightAgnostic] shared_weights: expected multiples of 1/128, none of them 0")
     plain = sections["PlainGenome"]
     if plain["activation_default"] not in (*plain["activations"], "random"):
         raise ConfigError(f"{where}: [PlainGenome] activation_default: expected one of activations, or random")

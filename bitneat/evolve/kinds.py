@@ -109,11 +109,8 @@ class WeightAgnosticKind(BitKind):
 
 def _units(weight: float) -> tuple[int, int]:
     """A shared weight as (units, resolution): units / 2^resolution, in lowest terms; resolution may be negative."""
-    for resolution in range(-7, 8):
-        units = math.ldexp(weight, resolution)
-        if units == int(units) and units:
-            return int(units), resolution
-    raise BitneatError(f"[WeightAgnostic] shared_weights: {weight:g} is 0 or no multiple of 1/128")
+    resolution = next(r for r in range(-7, 8) if math.ldexp(weight, r).is_integer())
+    return int(math.ldexp(weight, resolution)), resolution
 
 
 def _lowest_terms(sixteenths: int) -> tuple[int, int]:

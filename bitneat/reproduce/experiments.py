@@ -83,7 +83,7 @@ BUDGETS: Mapping[str, Budget] = {
         small_seeds=3,
         gains_steps=None,
         linear_generations=150,
-        baseline_steps={"ars": 25_000_000, "ppo": 5_000_000, "dqn": 1_000_000},
+        baseline_steps={"ars": 20_000_000, "ppo": 5_000_000, "dqn": 1_000_000},
         search_generations=60,
         episodes={},
     ),
@@ -194,6 +194,6 @@ def _quantizations(budget: Budget) -> list[Job]:
 
 def _baselines(budget: Budget) -> list[Job]:
     return [
-        Job(f"{system}-1", "baselines", system, 1, overrides={"baseline": dict(budget.episodes)}, steps=steps)
+        Job(f"{system}-0", "baselines", system, 0, overrides={"baseline": dict(budget.episodes)}, steps=steps)
         for system, steps in budget.baseline_steps.items()
     ]
