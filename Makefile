@@ -8,12 +8,13 @@ READY := $(VENV)/.ready
 # A multiplier for the tests' budgets: how many random cases, vectors and steps they try.
 LONG_BUDGET ?= 10
 
-.PHONY: help venv demo test test-long check format clean
+.PHONY: help venv demo test test-long test-baselines check format clean
 
 help:
 	@echo "make demo       evolve, generate C and verify it, in demo/; then the same for the committed champion"
 	@echo "make test       the tests; installs cross compilers where apt allows it (not with BITNEAT_NO_APT=1)"
 	@echo "make test-long  all tests, the long ones included, with $(LONG_BUDGET) times the budget"
+	@echo "make test-baselines  those that train with bitneat[baselines], which it installs: PyTorch is large"
 	@echo "make check      ruff, mypy, clang-format, and the C runtime under CMake"
 	@echo "make format     ruff format and clang-format"
 	@echo "make venv       the Python environment in $(VENV)"
@@ -37,6 +38,10 @@ test: $(READY)
 test-long: $(READY)
 	@tools/install-debian-tools.sh
 	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
+
+test-baselines: $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,baselines]'
+	@$(BIN)/python -m pytest -n auto tests/baselines tests/cli/test_baseline.py
 
 # Not those that bitneat.codegen.runtime writes.
 C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc)

@@ -16,3 +16,7 @@ class CheckFailedError(BitneatError):
     """The input is fine, but what was to be checked does not hold (exit status 1)."""
 
     exit_status = 1
+
+
+class MissingExtraError(BitneatError):
+    """Something needs an optional dependency that is not installed."""

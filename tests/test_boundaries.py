@@ -38,7 +38,6 @@ RULES = (
     Rule("bitneat.codegen", never=("neat", "gymnasium", "bitneat.evolve", "bitneat.sim", "bitneat.cli")),
     Rule("bitneat.verify", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.sim", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.verify", "bitneat.cli")),
-    Rule("bitneat.evolve", never=("bitneat.codegen", "bitneat.verify", "bitneat.cli")),
     Rule(
         "bitneat.quantize",
         only=("bitneat.quantize", "bitneat.controller", "bitneat.network", "bitneat.errors", "bitneat.version"),
@@ -46,6 +45,9 @@ RULES = (
     Rule(
         "bitneat.policy", never=("neat", "gymnasium", "bitneat.evolve", "bitneat.sim", "bitneat.cli", "bitneat.codegen")
     ),
+    Rule("bitneat.evolve", never=("bitneat.codegen", "bitneat.verify", "bitneat.baselines", "torch", "bitneat.cli")),
+    Rule("bitneat.reproduce", never=("bitneat.codegen", "bitneat.verify", "bitneat.cli")),
+    Rule("bitneat.baselines", never=("neat", "bitneat.codegen", "bitneat.verify", "bitneat.cli")),
     Rule("bitneat.report", never=("bitneat.cli",)),
     Rule("bitneat.champion", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.runtime", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.cli")),

@@ -38,9 +38,17 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
     "linear": ("bitneat.cli.linear", "find a linear policy, and write it as a ternary champion to polish"),
     "polish": ("bitneat.cli.polish", "make a champion better, or smaller at the same reward, by small changes"),
+    "reproduce": (
+        "bitneat.cli.reproduce",
+        "run the Bit-Pedal Walker paper's experiments again: tables, figures, verdicts",
+    ),
     "quantize": (
         "bitneat.cli.quantize",
         "make a float champion an integer or ternary one, an integer champion ternary",
+    ),
+    "baseline": (
+        "bitneat.cli.baseline",
+        "train a baseline for BipedalWalker-v3 by ARS, PPO or DQN (needs bitneat[baselines])",
     ),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),

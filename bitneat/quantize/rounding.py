@@ -54,7 +54,7 @@ def round_weights(network: FloatNetwork, inputs: Sequence[Input], frac_bits: int
 
 
 def threshold_weights(network: FloatNetwork, inputs: Sequence[Input], frac_bits: int) -> Controller:
-    """A ternary controller with a scale for each node: Ternary Weight Networks (Li, Zhang and Liu 2016, arXiv:1605.04711).
+    """A ternary controller with a scale for each node, as in Ternary Weight Networks (Li, Zhang and Liu 2016, arXiv:1605.04711).
 
     Weights below delta = 0.7 mean |w| become 0, the others ±1 times alpha, the mean size of those. alpha is rounded to a power of
     two and is the node's gain. The bias, which has no part in that, becomes 0 or ±2^gain, whichever is nearest. Means are over the

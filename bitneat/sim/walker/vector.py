@@ -184,7 +184,7 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         terminated = np.zeros(self.num_envs, np.bool_)
         truncated = np.zeros(self.num_envs, np.bool_)
         if len(which) > 0:
-            rewards[which], terminated[which] = self._advance(which, table)
+            rewards[which], terminated[which] = self.advance(which, table)
             truncated[which] = self._elapsed[which] >= self._limit
         if len(which) < self.num_envs:
             self._start(np.flatnonzero(restarting).astype(np.int32))
@@ -199,6 +199,48 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
             infos |= {"final_info": {}, "_final_info": self._ended.copy()}
             self._start(ended)
         return self._observations.copy(), rewards, terminated, truncated, infos
+
+    def observed(self, which: Indices) -> Floats:
+        """The latest observations of some environments, (which, 24)."""
+        return self._observations[which]
+
+    def advance(self, which: Indices, actions: Floats) -> tuple[Doubles, Bools]:
+        """Take a step in some environments only, whose episodes must not have ended; no reset, no time limit, no check.
+
+        Args:
+            which: their indices, ascending, of shape (n,).
+            actions: contiguous, of shape (n, 4), without NaN.
+
+        Returns:
+            Rewards and terminations, both (n,); see `observed` for the observations.
+
+        Raises:
+            BitneatError: if a body touches more shapes than there is room for.
+        """
+        count = len(which)
+        observations = np.empty((count, NUM_OBSERVATIONS), np.float32)
+        rewards = np.empty(count, np.float64)
+        terminated = np.empty(count, np.uint8)
+        done = library().simulator_step(
+            self._environments,
+            ffi().from_buffer("int32_t[]", which),
+            count,
+            ffi().from_buffer("float[]", actions),
+            ffi().from_buffer("float[]", observations),
+            ffi().from_buffer("double[]", rewards),
+            ffi().from_buffer("uint8_t[]", terminated),
+            self._lanes,
+            self._threads,
+        )
+        if not done:
+            self._started[:] = False
+            raise BitneatError(
+                "native walker: a body touches more shapes than there is room for, or memory ran out;"
+                " reset all environments"
+            )
+        self._observations[which] = observations
+        self._elapsed[which] += 1
+        return rewards, terminated.astype(np.bool_)
 
     @property  # type: ignore[misc]  # Gymnasium's can be set
     def np_random(self) -> Any:
@@ -295,32 +337,6 @@ class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
         self._elapsed[which] = 0
         self._started[which] = True
         self._ended[which] = False
-
-    def _advance(self, which: Indices, actions: Floats) -> tuple[Doubles, Bools]:
-        count = len(which)
-        observations = np.empty((count, NUM_OBSERVATIONS), np.float32)
-        rewards = np.empty(count, np.float64)
-        terminated = np.empty(count, np.uint8)
-        done = library().simulator_step(
-            self._environments,
-            ffi().from_buffer("int32_t[]", which),
-            count,
-            ffi().from_buffer("float[]", actions),
-            ffi().from_buffer("float[]", observations),
-            ffi().from_buffer("double[]", rewards),
-            ffi().from_buffer("uint8_t[]", terminated),
-            self._lanes,
-            self._threads,
-        )
-        if not done:
-            self._started[:] = False
-            raise BitneatError(
-                "native walker: a body touches more shapes than there is room for, or memory ran out;"
-                " reset all environments"
-            )
-        self._observations[which] = observations
-        self._elapsed[which] += 1
-        return rewards, terminated.astype(np.bool_)
 
 
 def _seeds(seed: Any, num_envs: int) -> list[int | None]:

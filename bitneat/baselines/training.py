@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: MIT
+"""The training of a baseline from its budget to its result, in a folder that another call goes on from."""
+
+from __future__ import annotations
+
+import io
+import json
+import random
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bitneat.baselines.actions import action_table
+from bitneat.baselines.dense import dense_from_npz
+from bitneat.baselines.evaluation import HeldOut, network_policy, score
+from bitneat.baselines.method import Method
+from bitneat.baselines.result import BaselineResult
+from bitneat.baselines.settings import METHODS, ArsSettings, PpoSettings, Settings
+from bitneat.errors import BitneatError, MissingExtraError
+from bitneat.files import read_capped, write_atomic, write_json
+from bitneat.version import __version__
+
+RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "policy.npz", "result.json", "history.csv"
+"""Files of a run: what it is, where it stands, and at its end the policy and its score."""
+
+MAX_SEED = 2**29
+"""Training seeds are episode seeds too, and must stay below those that policies are scored on."""
+
+_FORMAT, _VERSION = "bitneat-baseline", 1
+_LIBRARIES = ("torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy")
+_CHECKPOINTS = 50
+"""In a training, about."""
+_CAP = 1 << 30
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """Where a training stands."""
+
+    method: str
+    steps: int
+    total: int
+    episodes: int
+    recent: float | None
+    """Mean reward of the latest episodes as trained on, exploration and all; None before the first."""
+    phase: str = "training"
+    """``training`` or ``scoring``."""
+
+
+def train(
+    method: str,
+    steps: int,
+    seed: int,
+    folder: str | Path,
+    progress: Callable[[TrainingProgress], None] | None = None,
+    *,
+    settings: Settings | None = None,
+    report_episodes: int = 100,
+) -> BaselineResult:
+    """Train a policy for BipedalWalker-v3 with a library, and score it on the report seeds.
+
+    If ``folder`` holds the same training, begun or done, it goes on from there, or only reads the result.
+
+    Args:
+        method: ``ars``, ``ppo`` or ``dqn``.
+        steps: budget in steps of the environment. Training ends after the first update that reaches it.
+        seed: of all randomness.
+        folder: made if it is not there.
+        progress: told after every update.
+        settings: of the method; `METHODS` has the defaults.
+        report_episodes: to score the policy by.
+
+    Raises:
+        BitneatError: if an argument is out of range, the libraries are missing, or the folder holds something else.
+    """
+    if method not in METHODS:
+        raise BitneatError(f"baseline: expected one of {', '.join(METHODS)}, got {method!r}")
+    settings = METHODS[method]() if settings is None else settings
+    if not isinstance(settings, METHODS[method]):
+        raise BitneatError(f"settings: expected {METHODS[method].__name__}, got {type(settings).__name__}")
+    for name, value, least, most in (("steps", steps, 1, 10**12), ("seed", seed, 0, MAX_SEED)):
+        if type(value) is not int or not least <= value <= most:
+            raise BitneatError(f"{name}: expected a whole number in {least}..{most}, got {value!r}")
+    folder = Path(folder)
+    run = _run_data(method, steps, seed, settings, report_episodes)
+    finished = (folder / RESULT).exists()
+    # Before the folder is made: without the libraries nothing is left behind.
+    versions = {} if finished else {"bitneat": __version__, **_versions()}
+    _claim(folder, run)
+    if finished:
+        return load_result(folder)
+    with _isolated():
+        return _train(run, settings, folder, progress or (lambda _: None), versions)
+
+
+def load_result(folder: str | Path) -> BaselineResult:
+    """Read a finished training; needs no library.
+
+    Raises:
+        BitneatError: if the folder holds none, or a file of it is damaged.
+    """
+    folder = Path(folder)
+    try:
+        data = json.loads(read_capped(folder / RESULT, _CAP))
+        hidden, clipped = data["hidden"], data["system"] != "dqn"
+        dense = dense_from_npz(read_capped(folder / POLICY, _CAP), hidden, clipped)
+        held_out, library = HeldOut(**data["held_out"]), HeldOut(**data["library_held_out"])
+        return BaselineResult(
+            data["system"],
+            data["seed"],
+            data["steps"],
+            data["episodes"],
+            dense,
+            dense.to_network(),
+            held_out,
+            library,
+            data["settings"],
+            data["versions"],
+        )
+    except BitneatError as error:
+        raise BitneatError(f"{folder}: {error}") from None
+    except Exception as error:  # the file may be anyone's
+        raise BitneatError(f"{folder / RESULT}: damaged: {type(error).__name__}") from None
+
+
+def _train(
+    run: dict[str, Any],
+    settings: Settings,
+    folder: Path,
+    progress: Callable[[TrainingProgress], None],
+    versions: dict[str, str],
+) -> BaselineResult:
+    from bitneat.evolve.randomness import report_seeds
+
+    name, total = run["method"], run["steps"]
+    method = _start(settings, total, run["seed"])
+    try:
+        rows = _restore(folder / CHECKPOINT, method)
+        every = max(total // _CHECKPOINTS, 1)
+        saved = method.steps
+        while method.steps < total:
+            method.advance()
+            rows.append([method.steps, method.episodes, method.recent])
+            progress(TrainingProgress(name, method.steps, total, method.episodes, method.recent))
+            if method.steps - saved >= every or method.steps >= total:
+                _save(folder / CHECKPOINT, method, rows)
+                saved = method.steps
+        progress(TrainingProgress(name, method.steps, total, method.episodes, method.recent, "scoring"))
+        dense = method.dense()
+        seeds = report_seeds(run["report_episodes"])
+        network = dense.to_network()
+        table = action_table() if name == "dqn" else None
+        heldout, _ = score(network_policy(network, table), seeds, threads=1)
+        library, _ = score(method.act, seeds, threads=1)
+        files = method.files()
+        result = BaselineResult(
+            name,
+            run["seed"],
+            method.steps,
+            method.episodes,
+            dense,
+            network,
+            heldout,
+            library,
+            run["settings"],
+            versions,
+        )
+    finally:
+        method.close()
+    for file, content in files.items():
+        write_atomic(folder / file, content)
+    _write_result(folder, result, rows)
+    (folder / CHECKPOINT).unlink(missing_ok=True)
+    return result
+
+
+def _start(settings: Settings, steps: int, seed: int) -> Method:
+    if isinstance(settings, ArsSettings):
+        from bitneat.baselines import ars
+
+        return ars.start(settings, seed)
+    if isinstance(settings, PpoSettings):
+        from bitneat.baselines import ppo
+
+        return ppo.start(settings, steps, seed)
+    from bitneat.baselines import dqn
+
+    return dqn.start(settings, steps, seed)
+
+
+def _write_result(folder: Path, result: BaselineResult, rows: list[Any]) -> None:
+    write_atomic(folder / POLICY, result.dense.to_npz())
+    lines = ["steps,episodes,recent_mean", *(f"{s},{e},{'' if r is None else f'{r:.3f}'}" for s, e, r in rows)]
+    write_atomic(folder / HISTORY, ("\n".join(lines) + "\n").encode())
+    if result.actions is None:
+        _write_champion(folder, result)
+    # Last, since it says that all is there.
+    write_json(folder / RESULT, result.to_data())
+
+
+def _write_champion(folder: Path, result: BaselineResult) -> None:
+    from bitneat.champion import EnvironmentSpec, FloatChampion, save_pickle
+    from bitneat.sim.walker.episodes import ACTION
+
+    champion = FloatChampion(result.policy, ACTION, EnvironmentSpec("BipedalWalker-v3"), {"baseline": result.to_data()})
+    save_pickle(champion, folder / "champion.pkl")
+
+
+def _run_data(method: str, steps: int, seed: int, settings: Settings, report_episodes: int) -> dict[str, Any]:
+    data = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "method": method,
+        "steps": steps,
+        "seed": seed,
+        "report_episodes": report_episodes,
+        "settings": asdict(settings),
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(data))
+    return plain
+
+
+def _claim(folder: Path, run: dict[str, Any]) -> None:
+    """See to it that the folder is this training's.
+
+    Raises:
+        BitneatError: if it is another's, and in what they differ.
+    """
+    path = folder / RUN
+    if not path.exists():
+        if (folder / RESULT).exists() or (folder / CHECKPOINT).exists():
+            raise BitneatError(f"{folder}: holds a training without its {RUN}; give another folder")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+        write_json(path, run)
+        return
+    try:
+        found = json.loads(read_capped(path, 1 << 20))
+        differing = [key for key in run if found[key] != run[key]]
+    except BitneatError:
+        raise
+    except Exception as error:  # the file may be anyone's
+        raise BitneatError(f"{path}: damaged: {type(error).__name__}") from None
+    if differing:
+        key = differing[0]
+        raise BitneatError(
+            f"{folder}: holds another training, whose {key} is {found[key]!r:.60}, not {run[key]!r:.60}; give another folder"
+        )
+
+
+def _save(path: Path, method: Method, rows: list[Any]) -> None:
+    import torch
+
+    buffer = io.BytesIO()
+    torch.save({"state": method.state(), "rows": rows}, buffer)
+    write_atomic(path, buffer.getvalue())
+
+
+def _restore(path: Path, method: Method) -> list[Any]:
+    import torch
+
+    if not path.exists():
+        return []
+    try:
+        # Nothing in the file is run: it holds tensors and plain data alone.
+        data = torch.load(io.BytesIO(read_capped(path, _CAP)), weights_only=True)
+        method.restore(data["state"])
+        return list(data["rows"])
+    except BitneatError:
+        raise
+    except Exception as error:  # the file may be anyone's
+        raise BitneatError(f"{path}: damaged: {type(error).__name__}; remove it to begin anew") from None
+
+
+def _versions() -> dict[str, str]:
+    try:
+        import sb3_contrib  # noqa: F401
+        import stable_baselines3  # noqa: F401
+        import torch  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError(
+            f"baseline: {error.name or 'a library'} is not installed; pip install bitneat[baselines]"
+        ) from None
+    return {name: metadata.version(name) for name in _LIBRARIES}
+
+
+@contextmanager
+def _isolated() -> Iterator[None]:
+    """One thread of PyTorch, and the caller's own random numbers afterwards as they were."""
+    import torch
+
+    threads = torch.get_num_threads()
+    states = random.getstate(), np.random.get_state(), torch.get_rng_state()  # noqa: NPY002 - the libraries draw from it
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        random.setstate(states[0])
+        np.random.set_state(states[1])  # noqa: NPY002
+        torch.set_rng_state(states[2])

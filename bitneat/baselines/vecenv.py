@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: MIT
+"""The native walkers as a vector environment of stable-baselines3, which must be installed to import this."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Discrete
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from bitneat.sim.walker.vector import STEP_LIMIT, WalkerVectorEnv
+
+
+class WalkerVecEnv(VecEnv):
+    """BipedalWalker-v3, ``num_envs`` times, in one thread.
+
+    An episode's end is as in the library's own: the observation is the next episode's first, the last one is the info's
+    ``terminal_observation``, ``TimeLimit.truncated`` tells an end by the time limit alone,
+    and ``episode`` has its reward and length.
+
+    Args:
+        num_envs: how many.
+        table: if given, (actions, 4), an action is the index of a row.
+        max_episode_steps: the time limit.
+    """
+
+    def __init__(
+        self, num_envs: int, table: npt.NDArray[np.float32] | None = None, max_episode_steps: int = STEP_LIMIT
+    ) -> None:
+        mode = AutoresetMode.SAME_STEP
+        self._envs = WalkerVectorEnv(num_envs, max_episode_steps=max_episode_steps, autoreset_mode=mode, threads=1)
+        self._table = table
+        self._actions: npt.NDArray[Any] = np.zeros((num_envs, 4), np.float32)
+        self._rewards = np.zeros(num_envs, np.float64)
+        self._lengths = np.zeros(num_envs, np.int64)
+        self.episodes = 0
+        """Episodes that ended."""
+        space = self._envs.single_action_space if table is None else Discrete(len(table))
+        super().__init__(num_envs, self._envs.single_observation_space, space)
+
+    def reset(self) -> npt.NDArray[np.float32]:
+        """Begin an episode in each environment, with the seeds that `VecEnv.seed` left, if it did."""
+        observations, _ = self._envs.reset(seed=list(self._seeds))
+        self._reset_seeds()
+        self._rewards[:] = 0.0
+        self._lengths[:] = 0
+        return observations
+
+    def step_async(self, actions: npt.NDArray[Any]) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions if self._table is None else self._table[actions]
+
+    def step_wait(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
+        """Take the step: observations, rewards, which episodes ended, and infos."""
+        observations, rewards, terminated, truncated, ends = self._envs.step(self._actions)
+        done = terminated | truncated
+        self._rewards += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for index in np.flatnonzero(done).tolist():
+            infos[index] = {
+                "terminal_observation": ends["final_obs"][index],
+                "TimeLimit.truncated": bool(truncated[index] and not terminated[index]),
+                "episode": {"r": float(self._rewards[index]), "l": int(self._lengths[index])},
+            }
+        self.episodes += int(done.sum())
+        self._rewards[done] = 0.0
+        self._lengths[done] = 0
+        return observations, rewards.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Free the walkers."""
+        self._envs.close()
+
+    def get_attr(self, attr_name: str, indices: int | Iterable[int] | None = None) -> list[Any]:
+        """An attribute of each environment.
+
+        Raises:
+            AttributeError: if they have none of this name.
+        """
+        if attr_name != "render_mode":
+            raise AttributeError(f"walkers have no attribute {attr_name!r}")
+        return [None for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: int | Iterable[int] | None = None) -> None:
+        """Refused: there is nothing to set."""
+        raise AttributeError(f"of walkers {attr_name!r} cannot be set")
+
+    def env_method(
+        self, method_name: str, *args: Any, indices: int | Iterable[int] | None = None, **kwargs: Any
+    ) -> list[Any]:
+        """Refused: there is nothing to call."""
+        raise AttributeError(f"walkers have no method {method_name!r}")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: int | Iterable[int] | None = None) -> list[bool]:
+        """No environment is wrapped."""
+        return [False for _ in self._get_indices(indices)]
