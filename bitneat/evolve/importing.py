@@ -27,6 +27,8 @@ MAX_GENOME_BYTES = 16 * 1024 * 1024
 NEAT_ACTIVATIONS = ("identity", "clamped", "relu", "abs", "hat", "tanh", "sigmoid", "sin", "gauss")
 """neat-python's activations that bitneat has, under the same names and with the same scaling."""
 
+_GAINS = frozenset(2.0**gain for gain in range(GAIN_RANGE[0], GAIN_RANGE[1] + 1))
+
 
 class GenomeImportError(BitneatError):
     """A genome cannot be read, or has no equal among controllers."""
@@ -153,13 +155,12 @@ def convert_float(genome: Any, shape: NeatShape) -> FloatNetwork:
 
 
 def is_whole(genome: Any) -> bool:
-    """Whether all weights and biases are integers and all responses powers of two, as far as they are numbers at all."""
+    """Whether all weights and biases are integers and all responses gains, as far as they are numbers at all."""
     numbers = [getattr(gene, "weight", None) for gene in genome.connections.values() if getattr(gene, "enabled", None)]
     numbers += [getattr(gene, "bias", None) for gene in genome.nodes.values()]
-    responses = [getattr(gene, "response", None) for gene in genome.nodes.values()]
+    responses: list[Any] = [getattr(gene, "response", None) for gene in genome.nodes.values()]
     return all(type(value) is not float or not math.isfinite(value) or value.is_integer() for value in numbers) and all(
-        type(value) is not float or not math.isfinite(value) or abs(math.frexp(value)[0]) in (0.0, 0.5)
-        for value in responses
+        type(value) not in (int, float) or value in _GAINS or not abs(value) < math.inf for value in responses
     )
 
 

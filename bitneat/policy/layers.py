@@ -52,7 +52,7 @@ def layered_network(layers: Sequence[Layer]) -> FloatNetwork:
         raise PolicyError("has no layers")
     nodes: list[FloatNode] = []
     first = 0
-    width = num_inputs = int(layers[0].weights.shape[-1])
+    width = num_inputs = layers[0].weights.shape[1] if layers[0].weights.ndim == 2 else 0
     if sum(layer.weights.size for layer in layers) > MAX_LINKS:
         raise PolicyError(f"has more than {MAX_LINKS} weights")
     for number, layer in enumerate(layers, start=1):
@@ -81,8 +81,9 @@ def with_normalization(layers: Sequence[Layer], mean: Floats, variance: Floats, 
     Raises:
         PolicyError: if shapes do not fit, or a variance is negative or not finite.
     """
-    if not layers or mean.shape != layers[0].weights.shape[1:] or variance.shape != mean.shape:
-        raise PolicyError(f"normalization: expected a mean and a variance of shape {layers[0].weights.shape[1:]}")
+    expected = layers[0].weights.shape[1:]
+    if len(expected) != 1 or mean.shape != expected or variance.shape != expected:
+        raise PolicyError(f"normalization: expected a mean and a variance of shape {expected}")
     if not (np.isfinite(mean).all() and np.isfinite(variance).all() and (variance >= 0).all()):
         raise PolicyError("normalization: expected finite means and variances, none of them negative")
     weights = layers[0].weights / np.sqrt(variance + epsilon)

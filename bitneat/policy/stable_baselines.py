@@ -12,6 +12,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bitneat.controller import Action, BoxAction
 from bitneat.policy.archive import Archive
 from bitneat.policy.layers import Floats, Layer, PolicyError, with_unit_actions
@@ -111,5 +113,5 @@ def _layer(state: Mapping[str, Floats], name: str, activation: str) -> Layer:
     weights = state.get(f"{name}.weight")
     if weights is None or weights.ndim != 2:
         raise PolicyError(f"has no matrix {name}.weight")
-    bias = state.get(f"{name}.bias", weights[:, 0] * 0.0)
+    bias = state.get(f"{name}.bias", np.zeros(len(weights)))
     return Layer(weights, bias, activation)

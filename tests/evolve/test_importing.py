@@ -145,8 +145,9 @@ def test_float_genomes_compute_neat_pythons_very_bits(config_file: Path) -> None
 def test_a_genome_is_whole_if_nothing_must_be_rounded(config_file: Path) -> None:
     genome, _ = make(config_file, 3)
     assert is_whole(genome)
-    next(iter(genome.nodes.values())).response = 0.75
-    assert not is_whole(genome)
+    for response in (0.75, -1.0, 0.0, 512.0):
+        next(iter(genome.nodes.values())).response = response
+        assert not is_whole(genome)
     genome, _ = make(config_file, 3)
     next(iter(genome.nodes.values())).bias = 0.5
     assert not is_whole(genome)
