@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bitneat.network import ACTIVATIONS, FloatNetwork, decode
+from bitneat.network import ACTIVATIONS, FloatNetwork, FloatNode, decode
 from bitneat.sim.walker.episodes import ACTION
 from bitneat.sim.walker.rollout import Policy, run_policy
 
@@ -72,27 +72,56 @@ def network_policy(network: FloatNetwork, table: npt.NDArray[np.float32] | None 
 
 def batched(network: FloatNetwork) -> Callable[[npt.NDArray[Any]], Doubles]:
     """A function from observations (n, inputs) to outputs (n, outputs), each row of which is `FloatNetwork.step`'s."""
-    nodes = []
-    for node in network.nodes:
-        function = None if node.activation == "identity" else np.vectorize(ACTIVATIONS[node.activation], otypes=[float])
-        nodes.append((node, function))
+    blocks = [_Block(network.num_inputs, nodes) for nodes in _alike(network)]
+    functions = {
+        name: None if name == "identity" else np.vectorize(function, otypes=[float])
+        for name, function in ACTIVATIONS.items()
+    }
 
     def forward(observations: npt.NDArray[Any]) -> Doubles:
-        count = len(observations)
-        signals = np.empty((network.num_inputs + len(nodes), count))
+        signals = np.empty((network.num_inputs + len(network.nodes), len(observations)))
         signals[: network.num_inputs] = np.asarray(observations, np.float64).T
-        product = np.empty(count)
-        for index, (node, function) in enumerate(nodes, start=network.num_inputs):
-            total = np.zeros(count)
-            for source, weight in node.links:
-                np.multiply(signals[source], weight, out=product)
-                total += product
-            total = node.bias + node.response * total
-            signals[index] = total if function is None else function(total)
+        for block in blocks:
+            total = np.zeros((len(block.bias), len(observations)))
+            for source, weights in zip(block.sources, block.weights, strict=True):
+                total += signals[source] * weights
+            total = block.bias + block.response * total
+            function = functions[block.activation]
+            signals[block.first : block.first + len(total)] = total if function is None else function(total)
         outputs: Doubles = signals[list(network.outputs)].T
         return outputs
 
     return forward
+
+
+class _Block:
+    """Neighbouring nodes that read the same sources in the same order, computed side by side."""
+
+    def __init__(self, num_inputs: int, nodes: Sequence[tuple[int, FloatNode]]) -> None:
+        self.first = num_inputs + nodes[0][0]
+        self.sources = [source for source, _ in nodes[0][1].links]
+        self.weights = [
+            np.array([[node.links[place][1]] for _, node in nodes], np.float64) for place in range(len(self.sources))
+        ]
+        self.bias = np.array([[node.bias] for _, node in nodes], np.float64)
+        self.response = np.array([[node.response] for _, node in nodes], np.float64)
+        self.activation = nodes[0][1].activation
+
+
+def _alike(network: FloatNetwork) -> list[list[tuple[int, FloatNode]]]:
+    """The nodes with their indices, split where a node reads other sources than the one before it, or has another activation.
+
+    Nodes that read the same sources do not read one another, since a source comes before all its readers.
+    """
+    key = None
+    blocks: list[list[tuple[int, FloatNode]]] = []
+    for index, node in enumerate(network.nodes):
+        mine = (node.activation, *(source for source, _ in node.links))
+        if mine != key:
+            blocks.append([])
+        blocks[-1].append((index, node))
+        key = mine
+    return blocks
 
 
 def score(policy: Policy, seeds: Sequence[int], threads: int | None = None) -> tuple[HeldOut, int]:

@@ -88,12 +88,13 @@ def train(
             raise BitneatError(f"{name}: expected a whole number in {least}..{most}, got {value!r}")
     folder = Path(folder)
     run = _run_data(method, steps, seed, settings, report_episodes)
-    finished = (folder / RESULT).exists()
-    # Before the folder is made: without the libraries nothing is left behind.
-    versions = {} if finished else {"bitneat": __version__, **_versions()}
-    _claim(folder, run)
-    if finished:
+    begun = _is_begun(folder, run)
+    if begun and (folder / RESULT).exists():
         return load_result(folder)
+    # Before the folder is made: without the libraries nothing is left behind.
+    versions = {"bitneat": __version__, **_versions()}
+    if not begun:
+        _begin(folder, run)
     with _isolated():
         return _train(run, settings, folder, progress or (lambda _: None), versions)
 
@@ -225,22 +226,17 @@ def _run_data(method: str, steps: int, seed: int, settings: Settings, report_epi
     return plain
 
 
-def _claim(folder: Path, run: dict[str, Any]) -> None:
-    """See to it that the folder is this training's.
+def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
+    """Whether the folder holds this training.
 
     Raises:
-        BitneatError: if it is another's, and in what they differ.
+        BitneatError: if it holds another, and in what they differ.
     """
     path = folder / RUN
     if not path.exists():
         if (folder / RESULT).exists() or (folder / CHECKPOINT).exists():
             raise BitneatError(f"{folder}: holds a training without its {RUN}; give another folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
-        write_json(path, run)
-        return
+        return False
     try:
         found = json.loads(read_capped(path, 1 << 20))
         differing = [key for key in run if found[key] != run[key]]
@@ -253,6 +249,15 @@ def _claim(folder: Path, run: dict[str, Any]) -> None:
         raise BitneatError(
             f"{folder}: holds another training, whose {key} is {found[key]!r:.60}, not {run[key]!r:.60}; give another folder"
         )
+    return True
+
+
+def _begin(folder: Path, run: dict[str, Any]) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    write_json(folder / RUN, run)
 
 
 def _save(path: Path, method: Method, rows: list[Any]) -> None:

@@ -44,6 +44,13 @@ def test_many_observations_at_once_give_the_bits_of_one_by_one(seed: int) -> Non
     assert batched(network)(observations).tolist() == [network.step(row) for row in observations]
 
 
+@pytest.mark.parametrize("hidden", ["tanh", "relu"])
+def test_layers_give_the_same_bits_too(hidden: str) -> None:
+    network = random_dense((24, 9, 7, 4), hidden).to_network()
+    observations = np.random.default_rng(1).normal(0.0, 1.0, (9, 24)).astype(np.float32)
+    assert batched(network)(observations).tolist() == [network.step(row) for row in observations]
+
+
 def test_the_score_of_a_network_is_gymnasiums() -> None:
     network = random_dense((24, 6, 4)).to_network()
     seeds = (2, 9)
