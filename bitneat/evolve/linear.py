@@ -147,7 +147,7 @@ class LinearSearch:
     def ternary(self, resolution: int) -> Controller:
         """The mean of the search as a ternary controller: for each output a node for each power of two, and their sum.
 
-        The constant is rounded to an integer.
+        The constant is rounded to -1, 0 or 1.
         """
         planes: list[Node] = []
         sums = []
@@ -162,7 +162,7 @@ class LinearSearch:
                 links.append(Link(first + len(planes), 0, 0, 1))
                 gain = min(max(k - resolution, GAIN_RANGE[0]), GAIN_RANGE[1])
                 planes.append(Node(tuple(sorted(powers[k])), 0, gain, "identity"))
-            bias = round(int(row[-1]) / (1 << resolution))
+            bias = min(max(round(int(row[-1]) / (1 << resolution)), -1), 1)
             sums.append(Node(tuple(links), bias << self.frac_bits, 0, "clamped"))
         outputs = tuple(Signal(first + len(planes) + i) for i in range(self.num_outputs))
         return Controller(self.inputs, (*planes, *sums), outputs, self.frac_bits).canonical
