@@ -55,6 +55,31 @@ def fitness_figure(runs: Mapping[str, Sequence[Sequence[float]]], file_type: str
         return figure.render(page, file_type, "Fitness over generations", "Mean over runs, and the band between them")
 
 
+def steps_figure(runs: Mapping[str, Sequence[tuple[Sequence[float], Sequence[float]]]], file_type: str) -> bytes:
+    """The best fitness by simulated steps, a line for each run: what a budget buys, whatever a generation is.
+
+    Args:
+        runs: by system, for each run the best fitness and the steps of each generation.
+        file_type: ``svg`` or ``png``.
+    """
+    with figure.settings():
+        from matplotlib.figure import Figure
+
+        page = Figure(figsize=(7.0, 4.0), layout="constrained")
+        axes = page.add_subplot()
+        for place, (system, histories) in enumerate(runs.items()):
+            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            for number, (best, steps) in enumerate(histories):
+                label = system if number == 0 else None
+                axes.plot(np.cumsum(steps) / 1e6, best, color=colour, linestyle=style, linewidth=1.2, label=label)
+        axes.axhline(300, color=figure.GREY, linewidth=0.6)
+        axes.set_xlabel("simulated steps, in millions")
+        axes.set_ylabel("largest fitness in the generation")
+        axes.grid(visible=True)
+        axes.legend(frameon=False, loc="center right")
+        return figure.render(page, file_type, "Fitness by simulated steps", "A line for each run")
+
+
 def growth_figure(stages: Sequence[tuple[int, Policy]], file_type: str) -> bytes:
     """A run's best candidate at some generations, side by side."""
     with figure.settings():

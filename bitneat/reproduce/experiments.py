@@ -122,7 +122,7 @@ _WANN_GENERATIONS = 250
 
 def jobs(budget: Budget) -> list[Job]:
     """Every run of a budget; what others need comes before them."""
-    return [*_table(budget), *_grid(budget), *_scenarios(budget), *_quantizations(budget), *_baselines(budget)]
+    return [*_table(budget), *_grid(budget), *_scenarios(budget), *_baselines(budget), *_quantizations(budget)]
 
 
 def _evolve(budget: Budget, generations: int, **more: Any) -> dict[str, dict[str, Any]]:
@@ -181,15 +181,20 @@ def _scenarios(budget: Budget) -> list[Job]:
 
 
 def _quantizations(budget: Budget) -> list[Job]:
-    return [
-        Job(
-            f"ptq-{target}-{method}-{seed}", "quantization", f"ptq-{target}", seed,
-            overrides={"quantize": {"generations": budget.search_generations, **budget.episodes}},
-            after=(f"default-{seed}",), source=f"default-{seed}", target=target, method=method,
-        )
+    found = [
+        _quantize(budget, f"ptq-{target}", f"default-{seed}", target=target, method=method, seed=seed)
         for seed in range(1, budget.seeds["default"] + 1)
         for target, method in QUANTIZATIONS
-    ]  # fmt: skip
+    ]
+    return [*found, _quantize(budget, "ars-ternary", "ars-0", target="ternary", method="gains", seed=0)]
+
+
+def _quantize(budget: Budget, system: str, source: str, *, target: str, method: str, seed: int) -> Job:
+    return Job(
+        f"{system}-{method}-{seed}", "quantization", system, seed,
+        overrides={"quantize": {"generations": budget.search_generations, **budget.episodes}},
+        after=(source,), source=source, target=target, method=method,
+    )  # fmt: skip
 
 
 def _baselines(budget: Budget) -> list[Job]:

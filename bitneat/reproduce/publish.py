@@ -51,7 +51,7 @@ def _write(path: Path, content: bytes) -> Path:
 
 
 def _figures(results: Results, folder: Path) -> list[Path]:
-    from bitneat.report.paper import fitness_figure, frames, growth_figure, strip_figure
+    from bitneat.report.paper import fitness_figure, frames, growth_figure, steps_figure, strip_figure
     from bitneat.sim.environment import inspect
 
     written = []
@@ -63,6 +63,14 @@ def _figures(results: Results, folder: Path) -> list[Path]:
     if histories:
         for kind in ("svg", "png"):
             written.append(_write(folder / f"figure4-fitness.{kind}", fitness_figure(histories, kind)))
+    by_steps = {
+        system: [(list(map(float, run.history["best"])), list(map(float, run.history["steps"]))) for run in runs]
+        for system in SYSTEMS
+        if (runs := _longest(of_system(results, system)))
+    }
+    if by_steps:
+        for kind in ("svg", "png"):
+            written.append(_write(folder / f"fitness-by-steps.{kind}", steps_figure(by_steps, kind)))
     for system in ("bit", "bit-gains"):
         runs = [run for run in of_system(results, system) if run.growth]
         if not runs:
@@ -85,9 +93,9 @@ def _figures(results: Results, folder: Path) -> list[Path]:
 
 
 def _longest(runs: Sequence[Result]) -> list[Result]:
-    """Those of as many generations as the longest: what got a tenth of the budget ends early beside it."""
+    """Those that are not cut far shorter than the longest, as what got a tenth of the budget is."""
     most = max((run.generations for run in runs), default=0)
-    return [run for run in runs if run.generations == most]
+    return [run for run in runs if run.generations > most / 2]
 
 
 def _spread(entries: Sequence[Mapping[str, Any]], count: int) -> list[Mapping[str, Any]]:

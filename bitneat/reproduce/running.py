@@ -62,7 +62,7 @@ def configuration(job: Job, results: Mapping[str, Result]) -> Config:
     if job.group == "table" and job.system == "softmax":
         threshold, beta = best_cell(results)
         config = config.with_values("SoftmaxReproduction", survival_threshold=threshold, beta=beta)
-    if job.group == "table" and job.system == "bit-gains" and not config["evolve"]["max_total_steps"]:
+    if job.group == "table" and job.system == "bit-gains" and "max_total_steps" not in job.overrides["evolve"]:
         config = config.with_values("evolve", max_total_steps=results[f"bit-{job.seed}"].steps)
     return config
 
@@ -237,16 +237,21 @@ class _Growth:
         return kept
 
     def start(self, search: Search, generations: int, seconds: float | None) -> None:
-        """Choose the distance between pictures."""
-        del search, seconds
+        """Choose the distance between pictures; take the one that a run lacks which was killed just before it."""
+        del seconds
         self._every = max(1, min(generations, 300) // _SNAPSHOTS)
+        if search.candidates:
+            self._take(search.generation - 1, search.candidates[0])
 
     def generation(self, row: Generation, best: Candidate | None) -> None:
         """Take a picture now and then."""
-        if best is None or row.generation % self._every:
-            return
-        kept = [entry for entry in self.snapshots() if entry["generation"] < row.generation]
-        write_json(self._path, [*kept, {"generation": row.generation, "policy": policy_to_data(best.controller)}])
+        if best is not None:
+            self._take(row.generation, best)
+
+    def _take(self, generation: int, best: Candidate) -> None:
+        if generation % self._every == 0:
+            kept = [entry for entry in self.snapshots() if entry["generation"] < generation]
+            write_json(self._path, [*kept, {"generation": generation, "policy": policy_to_data(best.controller)}])
 
     def choosing(self) -> None:
         """Nothing to do."""

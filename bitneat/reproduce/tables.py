@@ -9,13 +9,14 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from bitneat.reproduce.experiments import BASELINES, BETAS, QUANTIZATIONS, SCENARIOS, SURVIVAL_THRESHOLDS
+from bitneat.reproduce.experiments import BASELINES, BETAS, QUANTIZATIONS, SCENARIOS, SURVIVAL_THRESHOLDS, SYSTEMS
 from bitneat.reproduce.results import Result
 
 Value = str | int | float | None
 Results = Mapping[str, Result]
 
-_TABLE_SYSTEMS = ("default", "int", "bit", "bit-flips", "bit-gains", "softmax", "wann")
+_ROWS = (*SYSTEMS, "ptq-int", "ptq-ternary", *BASELINES, "ars-ternary")
+"""Of Table 1; the last is ARS's policy by quantization with gains, which has C."""
 _PTQ_METHOD = "round"
 """The rows ptq-int and ptq-ternary are the paper's rounding; the quantization table has the other methods."""
 
@@ -51,6 +52,8 @@ def tables(results: Results) -> list[Table]:
 
 def of_system(results: Results, system: str) -> list[Result]:
     """The runs behind a system's row in Table 1."""
+    if system == "ars-ternary":
+        return [r for r in results.values() if r.system == system]
     if system.startswith("ptq-"):
         target = system.removeprefix("ptq-")
         return [r for name, r in results.items() if name.startswith(f"ptq-{target}-{_PTQ_METHOD}-")]
@@ -66,7 +69,7 @@ def median_run(runs: Sequence[Result]) -> Result:
 def table_one(results: Results) -> Table:
     """A row for each system: its median run, and the spread of all."""
     rows = []
-    for system in (*_TABLE_SYSTEMS, "ptq-int", "ptq-ternary", *BASELINES):
+    for system in _ROWS:
         runs = of_system(results, system)
         if not runs:
             continue
@@ -111,6 +114,11 @@ def quantization(results: Results) -> Table:
         if runs:
             before = statistics.fmean(r.notes["before"]["mean"] for r in runs)
             rows.append((target, f"after training: {method}", before, *_summary(runs)))
+    runs = of_system(results, "ars-ternary")
+    if runs:
+        rows.append(
+            ("ternary", "after training: gains, of ARS's policy", runs[0].notes["before"]["mean"], *_summary(runs))
+        )
     for target, system in (("int", "int"), ("ternary", "bit"), ("ternary", "bit-gains")):
         runs = of_system(results, system)
         if runs:
@@ -172,7 +180,7 @@ def scenarios(results: Results) -> Table:
 def hardcore(results: Results) -> Table:
     """Champions of the flat terrain on the hardcore one."""
     rows = []
-    for system in (*_TABLE_SYSTEMS, "ptq-int", "ptq-ternary", *BASELINES):
+    for system in _ROWS:
         runs = [r for r in of_system(results, system) if r.hardcore is not None]
         if runs:
             flat = statistics.fmean(r.heldout["mean"] for r in runs)
