@@ -18,9 +18,6 @@ MAX_TERMS = 8
 SUM_LIMIT = 2**30
 """No sum on the way may reach this magnitude, which leaves a 32-bit word room for a comparison by subtraction."""
 
-_TIGHTEST = Fraction(1, 2)
-"""What rounding to an integer costs at worst; no map can promise as little."""
-
 
 @dataclass(frozen=True, slots=True)
 class ExactMap:
@@ -114,16 +111,20 @@ def fit(exact: ExactMap, tolerance: Fraction) -> IntegerMap | NoFit:
         raise ValueError("the map is constant over its domain")
     nearest: IntegerMap | None = None
     for count in range(1, MAX_TERMS + 1):
-        for candidate in _candidates(exact, moving, count, tolerance):
-            if nearest is None or candidate.error < nearest.error:
-                nearest = candidate
+        for pre, post in _shifts(exact, tolerance):
+            for terms in _signed_powers(exact.slope * 2 ** (pre + post), count):
+                if nearest is not None and _slip(exact, moving, pre, terms, post) > nearest.error:
+                    continue
+                candidate = _centred(exact, moving, pre, terms, post)
+                if candidate is not None and (nearest is None or candidate.error < nearest.error):
+                    nearest = candidate
         if nearest is not None and nearest.error <= tolerance:
             return nearest
     return NoFit(None if nearest is None else nearest.error)
 
 
-def _candidates(exact: ExactMap, moving: Interval, count: int, tolerance: Fraction) -> Iterator[IntegerMap]:
-    """Every map of ``count`` terms that is worth a look and fits the word."""
+def _shifts(exact: ExactMap, tolerance: Fraction) -> Iterator[tuple[int, int]]:
+    """Every pair of a first and a last shift that leaves the sums within the word."""
     reach = max(abs(exact.real(exact.domain.low)), abs(exact.real(exact.domain.high)), Fraction(1))
     span = exact.domain.high - exact.domain.low
     for pre in range(span.bit_length()):
@@ -133,10 +134,13 @@ def _candidates(exact: ExactMap, moving: Interval, count: int, tolerance: Fracti
         for post in range(SUM_LIMIT.bit_length()):
             if reach * 2**post >= SUM_LIMIT:
                 break
-            for terms in _signed_powers(exact.slope * 2 ** (pre + post), count):
-                candidate = _centred(exact, moving, pre, terms, post)
-                if candidate is not None:
-                    yield candidate
+            yield pre, post
+
+
+def _slip(exact: ExactMap, moving: Interval, pre: int, terms: tuple[Term, ...], post: int) -> float:
+    """What a map errs by its slope alone: a quick look in floats, and a little less than that, to be on the safe side."""
+    slope = sum(term.sign << term.shift for term in terms) / 2 ** (pre + post)
+    return abs(slope - float(exact.slope)) * (moving.high - moving.low) / 2 * 0.999 - 1e-6
 
 
 def _signed_powers(target: Fraction, count: int) -> set[tuple[Term, ...]]:
