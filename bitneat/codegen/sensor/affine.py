@@ -102,7 +102,7 @@ def active(exact: ExactMap) -> Interval | None:
 
 @lru_cache(maxsize=4096)
 def fit(exact: ExactMap, tolerance: Fraction) -> IntegerMap | NoFit:
-    """The map of the fewest terms within ``tolerance`` of the exact one, and of those the nearest.
+    """The map of the fewest terms that is found within ``tolerance`` of the exact one, and of those the nearest.
 
     ``exact`` has a slope other than 0 and moves somewhere (`active`).
     """
@@ -139,7 +139,7 @@ def _shifts(exact: ExactMap, tolerance: Fraction) -> Iterator[tuple[int, int]]:
 
 def _slip(exact: ExactMap, moving: Interval, pre: int, terms: tuple[Term, ...], post: int) -> float:
     """What a map errs by its slope alone: a quick look in floats, and a little less than that, to be on the safe side."""
-    slope = sum(term.sign << term.shift for term in terms) / 2 ** (pre + post)
+    slope = sum(term.sign << term.shift for term in terms) / (1 << pre + post)
     return abs(slope - float(exact.slope)) * (moving.high - moving.low) / 2 * 0.999 - 1e-6
 
 
