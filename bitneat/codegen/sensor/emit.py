@@ -152,7 +152,7 @@ def bound(error: Fraction) -> str:
 def sensor_files(code: GeneratedC, controller: Controller, sensors: SensorPlan) -> SensorFiles:
     """The files of a plan for generated code, which they include by its header's name."""
     emitter = _Emitter(f"{code.name}_sensors")
-    inputs = tuple(_member(c, c.integer.domain, "signals") for c in sensors.inputs)
+    inputs = tuple(_member(c, c.exact.domain, "signals") for c in sensors.inputs)
     outputs = tuple(_member(c, c.integer.image, "counts") for c in sensors.outputs)
     reads = [
         emitter.statement(
@@ -206,8 +206,8 @@ def _member(channel: Channel, counts: Interval, unit: str) -> Member:
 def _selftest(names: dict[str, object], sensors: SensorPlan) -> str:
     rng = random.Random(SELFTEST_SEED)
     steps = range(SELFTEST_STEPS)
-    counts = [_arguments([c.integer.domain for c in sensors.inputs], step, rng) for step in steps]
-    signals = [_arguments([c.takes or c.integer.domain for c in sensors.outputs], step, rng) for step in steps]
+    counts = [_arguments([c.exact.domain for c in sensors.inputs], step, rng) for step in steps]
+    signals = [_arguments([c.takes or c.exact.domain for c in sensors.outputs], step, rng) for step in steps]
     constants = dict(sensors.constants)
     width = len(sensors.inputs) + len(constants)
     observations = []

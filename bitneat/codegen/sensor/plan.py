@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, NoFit, active, fit
@@ -98,13 +98,17 @@ def _output_map(
 
 
 def _fit(exact: ExactMap, tolerance: Fraction, where: str, unit: str) -> IntegerMap:
-    if active(exact) is None:
+    moving = active(exact)
+    if moving is None:
         ends = sorted(float(exact.real(x)) for x in exact.domain)
         raise SensorMapError(
             f"{where}: impossible range: it gives {ends[0]:.6g} to {ends[1]:.6g} {unit},"
             f" all at or beyond the limits {exact.image.low} and {exact.image.high}"
         )
     found = fit(exact, tolerance)
+    if isinstance(found, NoFit):
+        # Most of a wide range may be clipped: the sums then fit if counts are clipped to where the map moves.
+        found = fit(replace(exact, domain=moving), tolerance)
     if not isinstance(found, NoFit):
         return found
     if found.nearest is None:

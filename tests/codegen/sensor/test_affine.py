@@ -10,6 +10,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bitneat.codegen.sensor.affine import SUM_LIMIT, ExactMap, IntegerMap, NoFit, active, fit
+from bitneat.codegen.sensor.plan import plan
+from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
+from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 from bitneat.controller.interval import Interval
 
 RATIONALS = st.fractions(min_value=-500, max_value=500, max_denominator=10_000)
@@ -120,3 +123,15 @@ def test_a_tolerance_that_cannot_be_met_names_the_nearest() -> None:
 @pytest.mark.parametrize(("intercept", "slope"), [(3000, 1), (-3000, -1), (2047, 1), (-4000, Fraction(1, 2))])
 def test_a_map_that_never_moves_is_told_apart(intercept: int, slope: Fraction) -> None:
     assert active(ExactMap(Fraction(slope), Fraction(intercept), Interval(0, 500), Interval(-2047, 2047))) is None
+
+
+def test_a_wide_range_that_is_mostly_clipped_is_mapped_where_it_moves() -> None:
+    """300 signals a count over 24 bits leave 32 bits by far, but only 14 counts are not clipped."""
+    entry = MappedInput("cell", Interval(-(2**23), 2**23), Fraction(300, 256), Fraction(1, 7), Fraction(1))
+    controller = Controller((Input(0, 2047),), (Node((Link(0),)),), (Signal(1),))
+    mapped = MappedOutput("a", (Fraction(-1), Fraction(1)), (0, 255), Fraction(1))
+    action = BoxAction((-1.0,), (1.0,), (1,), "float32")
+    channel = plan(controller, action, SensorMap("map.toml", (entry,), (mapped,))).inputs[0]
+    arguments = [*range(-40, 41), -(2**23), 2**23, -(2**31), 2**31 - 1]
+    assert max(abs(channel.integer(x) - channel.exact(x)) for x in arguments) <= channel.integer.error <= 1
+    assert channel.exact.domain == entry.counts

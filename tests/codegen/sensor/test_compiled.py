@@ -36,6 +36,7 @@ COUNTS = [
     Interval(-(2**24), 2**24),
     Interval(-3, 65535),
     Interval(200, 300),
+    Interval(-(2**22), 2**22),  # with a slope that clips nearly everywhere
 ]
 
 
@@ -46,6 +47,8 @@ def some_map(rng: random.Random, controller: Controller) -> SensorMap:
         counts = COUNTS[index % len(COUNTS)]
         reach = Fraction(rng.randint(1, 4000), 1000) * rng.choice((1, -1))  # of the value ±1 at the ends
         scale = 2 * reach / (counts.high - counts.low)
+        if index == len(COUNTS) - 1:
+            scale = Fraction(3, 2)
         offset = Fraction(rng.randint(-100, 100), 200) - scale * Fraction(counts.low + counts.high, 2)
         inputs.append(MappedInput(f"m{index}", counts, scale, offset, Fraction(rng.choice((6, 10, 30)), 10)))
     inputs += [ConstantInput(Fraction(-1, 3)), UnusedInput()]
@@ -57,7 +60,7 @@ def some_map(rng: random.Random, controller: Controller) -> SensorMap:
     return SensorMap("map.toml", tuple(inputs), tuple(outputs))
 
 
-def sensed_controller(num_inputs: int = 12) -> Controller:
+def sensed_controller(num_inputs: int = 13) -> Controller:
     """Outputs that are clamped, and that reach all of int16; two inputs more than there are mapped, the last unread."""
     limits = [2047, 32767, 500, 200, 30000]
     inputs = tuple(Input(index % 3 - 1, limits[index % 5]) for index in range(num_inputs))
@@ -238,7 +241,7 @@ def test_the_selftest_passes_and_notices_a_changed_shift_or_constant(tmp_path: P
     source = (tmp_path / "w_sensors.c").read_text()
     shifts = [match.start(1) for match in re.finditer(r"opaque\(q << (\d+)\);", source)]
     faults = [source[:at] + str(int(source[at]) ^ 1) + source[at + 1 :] for at in shifts]
-    faults += [source.replace("observation[10] = -85;", "observation[10] = -84;")]
+    faults += [re.sub(r"observation\[11\] = (-?\d+);", "observation[11] = 1;", source)]
     assert len(faults) > 10
     assert source not in faults
     for fault in faults:
