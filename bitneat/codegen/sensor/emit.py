@@ -9,7 +9,7 @@ from fractions import Fraction
 from math import ceil
 
 from bitneat.codegen.generate import GeneratedC
-from bitneat.codegen.sensor.affine import IntegerMap
+from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, active
 from bitneat.codegen.sensor.plan import Channel, SensorPlan
 from bitneat.codegen.templating import environment
 from bitneat.controller import Controller
@@ -206,8 +206,8 @@ def _member(channel: Channel, counts: Interval, unit: str) -> Member:
 def _selftest(names: dict[str, object], sensors: SensorPlan) -> str:
     rng = random.Random(SELFTEST_SEED)
     steps = range(SELFTEST_STEPS)
-    counts = [_arguments([c.exact.domain for c in sensors.inputs], step, rng) for step in steps]
-    signals = [_arguments([c.takes or c.exact.domain for c in sensors.outputs], step, rng) for step in steps]
+    counts = [_arguments([(c.exact.domain, c.exact) for c in sensors.inputs], step, rng) for step in steps]
+    signals = [_arguments([(c.takes or c.exact.domain, c.exact) for c in sensors.outputs], step, rng) for step in steps]
     constants = dict(sensors.constants)
     width = len(sensors.inputs) + len(constants)
     observations = []
@@ -229,11 +229,16 @@ def _selftest(names: dict[str, object], sensors: SensorPlan) -> str:
     )
 
 
-def _arguments(domains: list[Interval], step: int, rng: random.Random) -> list[int]:
-    """One row of arguments: all lowest, all highest, then random ones."""
+def _arguments(channels: list[tuple[Interval, ExactMap]], step: int, rng: random.Random) -> list[int]:
+    """One row of arguments: all lowest, all highest, then random ones, every second where the map moves."""
     if step < 2:
-        return [domain[step] for domain in domains]
-    return [rng.randint(*domain) for domain in domains]
+        return [whole[step] for whole, _ in channels]
+    row = []
+    for whole, exact in channels:
+        moving = active(exact) or whole
+        inside = Interval(max(whole.low, moving.low), min(whole.high, moving.high))
+        row.append(rng.randint(*(inside if step % 2 and inside.low <= inside.high else whole)))
+    return row
 
 
 def _rows(table: list[list[int]]) -> list[str]:
