@@ -15,10 +15,13 @@ arm-none-eabi-objdump:binutils-arm-none-eabi
 avr-gcc:gcc-avr
 avr-objdump:binutils-avr
 simavr:simavr
+qemu-system-arm:qemu-system-arm
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="
 /usr/lib/avr/include/avr/pgmspace.h:avr-libc
+/usr/include/simavr/sim_avr.h:libsimavr-dev
+/usr/include/libelf.h:libelf-dev
 "
 
 missing=""

@@ -4,23 +4,38 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json
 from bitneat.errors import BitneatError
 
+if TYPE_CHECKING:
+    from bitneat.champion import Champion
+    from bitneat.codegen import GeneratedC
+    from bitneat.codegen.sensor import SensorFiles, SensorPlan
+
 HELP = "write a champion as C that only adds and subtracts"
 EXAMPLE = """  bitneat codegen champion.pkl -o walker.c
-  bitneat codegen champion.pkl -o build/legs.c --name legs --style table --guard --selftest"""
+  bitneat codegen champion.pkl -o build/legs.c --name legs --style table --guard --selftest
+  bitneat codegen champion.pkl -o libraries/walker --package arduino --sensor map.toml"""
+
+KINDS = ("plain", "cmake", "arduino", "platformio", "zephyr")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``codegen``."""
     parser.add_argument("champion", type=Path, help="champion.pkl or champion.json")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FILE.c", help="the source; the header goes beside it"
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="FILE.c|DIR",
+        help="the source, the header goes beside it; with --package, a new folder or one to renew",
     )
-    parser.add_argument("--name", help="prefix of every C name (default: the name of FILE)")
+    parser.add_argument("--name", help="prefix of every C name (default: the name of FILE or DIR)")
     parser.add_argument(
         "--style",
         choices=("auto", "unrolled", "table"),
@@ -31,25 +46,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--guard", action="store_true", help="clamp observations to their limits, so that any int16 is allowed"
     )
     parser.add_argument("--selftest", action="store_true", help="also write NAME_selftest.c with known answers")
+    parser.add_argument(
+        "--sensor",
+        type=Path,
+        metavar="MAP.toml",
+        help="also write NAME_sensors.c and .h, from sensor counts and to actuator counts (docs/sensor-maps.md)",
+    )
+    parser.add_argument(
+        "--package", choices=KINDS, help="write a library that builds as it is in that ecosystem (docs/packages.md)"
+    )
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Generate and write the files."""
     from bitneat import champion as champions
-    from bitneat.codegen import generate, selftest
-    from bitneat.codegen.names import check_file_stem, check_name
-    from bitneat.files import write_atomic, write_json
+    from bitneat.codegen import generate
+    from bitneat.files import write_json
 
-    output: Path = args.output
-    if output.suffix != ".c" or output.is_dir():
-        raise BitneatError(f"{output}: expected a file name that ends in .c")
-    check_file_stem(output.stem, "-o")
-    if args.name is None:
-        name = check_name(output.stem, f"{output} (choose another with --name)")
-    else:
-        name = check_name(args.name, "--name")
+    name, stem = _names(args)
     champion = champions.load(args.champion)
+    sensors = _sensor_plan(args.sensor, champion)
     code = generate(
         champion.controller,
         name,
@@ -57,20 +74,21 @@ def run(args: argparse.Namespace) -> int:
         guard=args.guard,
         action=champion.action,
         environment_id=champion.environment.id if champion.environment else "",
-        header_name=f"{output.stem}.h",
+        header_name=f"{stem}.h",
     )
-    files = {output.with_suffix(".h"): code.header, output: code.source}
-    if args.selftest:
-        files[output.with_name(f"{output.stem}_selftest.c")] = selftest(code, champion.controller)
-    if args.json in files or args.json == args.champion:
-        raise BitneatError(f"--json {args.json}: is another file of this command")
-    for path, text in files.items():
-        write_atomic(path, text.encode("ascii"))
-    written = ", ".join(str(path) for path in files)
+    sensor_code = None
+    if sensors is not None:
+        from bitneat.codegen.sensor import sensor_files
+
+        sensor_code = sensor_files(code, champion.controller, sensors)
+    write = _write_package if args.package else _write_files
+    paths = write(args, champion, code, sensor_code)
+    written = f"{args.output}: {args.package} package" if args.package else ", ".join(map(str, paths))
     encoding = f", encoding {code.encoding}" if code.encoding else ""
     print(
         f"{written}: style {code.style}{encoding}, {code.table_bytes} table bytes, controller {champion.controller.sha256[:12]}"
     )
+    report = {} if sensors is None else _sensor_report(sensors)
     if args.json:
         write_json(
             args.json,
@@ -80,7 +98,111 @@ def run(args: argparse.Namespace) -> int:
                 "style": code.style,
                 "encoding": code.encoding,
                 "table_bytes": code.table_bytes,
-                "files": [str(path) for path in files],
+                "package": args.package,
+                "sensors": report or None,
+                "files": [str(path) for path in paths],
             },
         )
     return 0
+
+
+def _names(args: argparse.Namespace) -> tuple[str, str]:
+    """The prefix of C names and the stem of file names."""
+    from bitneat.codegen.names import check_file_stem, check_name
+
+    output: Path = args.output
+    if args.package:
+        if args.selftest:
+            raise BitneatError("--selftest: every package has its self-test; leave it out with --package")
+        name = args.name or output.absolute().name
+        source = "--name" if args.name else f"{output} (choose another with --name)"
+        return check_name(name, source), name
+    if output.suffix != ".c" or output.is_dir():
+        raise BitneatError(f"{output}: expected a file name that ends in .c")
+    check_file_stem(output.stem, "-o")
+    if args.name is None:
+        return check_name(output.stem, f"{output} (choose another with --name)"), output.stem
+    return check_name(args.name, "--name"), output.stem
+
+
+def _sensor_plan(path: Path | None, champion: Champion) -> SensorPlan | None:
+    if path is None:
+        return None
+    from bitneat.codegen.sensor import plan, read_sensor_map
+    from bitneat.controller import DiscreteAction
+
+    num_outputs = 0 if isinstance(champion.action, DiscreteAction) else len(champion.controller.outputs)
+    sensor_map = read_sensor_map(path, len(champion.controller.inputs), num_outputs)
+    return plan(champion.controller, champion.action, sensor_map)
+
+
+def _sensor_report(sensors: SensorPlan) -> dict[str, list[dict[str, Any]]]:
+    """Print how near each map is, and give it as data."""
+    from bitneat.codegen.sensor.emit import bound, formula
+
+    report: dict[str, list[dict[str, Any]]] = {}
+    for key, unit, channels in (("inputs", "signals", sensors.inputs), ("outputs", "counts", sensors.outputs)):
+        report[key] = []
+        for channel in channels:
+            error = bound(channel.integer.error)
+            print(f"  {key[:-1]} {channel.index} {channel.name}: within {error} {unit}; {formula(channel.integer)}")
+            report[key].append(
+                {
+                    "index": channel.index,
+                    "name": channel.name,
+                    "error_bound": float(error),
+                    "terms": len(channel.integer.terms),
+                    "formula": formula(channel.integer),
+                }
+            )
+    return report
+
+
+def _write_files(
+    args: argparse.Namespace, champion: Champion, code: GeneratedC, sensor_code: SensorFiles | None
+) -> list[Path]:
+    from bitneat.codegen import selftest
+    from bitneat.files import write_atomic
+
+    output: Path = args.output
+    files = {output.with_suffix(".h"): code.header, output: code.source}
+    if args.selftest:
+        files[output.with_name(f"{output.stem}_selftest.c")] = selftest(code, champion.controller)
+    if sensor_code is not None:
+        files[output.with_name(f"{output.stem}_sensors.h")] = sensor_code.header
+        files[output.with_name(f"{output.stem}_sensors.c")] = sensor_code.source
+        if args.selftest:
+            files[output.with_name(f"{output.stem}_sensors_selftest.c")] = sensor_code.selftest
+    _check_json(args, files)
+    for path, text in files.items():
+        write_atomic(path, text.encode("ascii"))
+    return list(files)
+
+
+def _write_package(
+    args: argparse.Namespace, champion: Champion, code: GeneratedC, sensor_code: SensorFiles | None
+) -> list[Path]:
+    from bitneat.codegen import selftest
+    from bitneat.codegen.package import Package, flash_bytes, package_files, write_package
+
+    package = Package(
+        kind=args.package,
+        code=code,
+        selftest=selftest(code, champion.controller),
+        controller=champion.controller,
+        action=champion.action,
+        environment_id=champion.environment.id if champion.environment else "",
+        guard=args.guard,
+        flash=flash_bytes(code),
+        sensors=sensor_code,
+    )
+    files = package_files(package)
+    paths = {args.output / path: text for path, text in files.items()}
+    _check_json(args, paths)
+    write_package(args.output, args.package, code.name, files)
+    return list(paths)
+
+
+def _check_json(args: argparse.Namespace, files: Mapping[Path, str]) -> None:
+    if args.json in files or args.json == args.champion:
+        raise BitneatError(f"--json {args.json}: is another file of this command")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import random
-import re
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
+from bitneat.codegen.comment import comment_text
 from bitneat.codegen.names import check_file_stem, check_name
 from bitneat.codegen.templating import environment
 from bitneat.codegen.view import Interface, table_view, unrolled_view
@@ -89,7 +89,7 @@ def generate(
         name=name,
         controller=canonical,
         action=action,
-        environment=_comment_text(environment_id),
+        environment=comment_text(environment_id),
         packed_bytes=len(pack_blob(canonical).data),
         guard=guard,
         version=__version__,
@@ -177,11 +177,6 @@ def _check_action(controller: Controller, action: Action | None) -> None:
         )
     if not isinstance(action, BoxAction) and not -(2**31) < action.start < 2**31 - action.n:
         raise CodegenError(f"action space: start {action.start} does not fit 32 bits")
-
-
-def _comment_text(text: str) -> str:
-    """Foreign text made safe for a C comment: one short line that can neither end it nor hold an escape or trigraph."""
-    return re.sub(r"[^A-Za-z0-9 ._:/-]", ".", text[:80])
 
 
 def selftest(code: GeneratedC, controller: Controller) -> str:

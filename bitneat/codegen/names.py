@@ -66,3 +66,21 @@ def check_name(name: str, source: str = "--name") -> str:
     if len(name) > MAX_NAME_LENGTH:
         raise CNameError(f"{source}: {len(name)} characters long, expected at most {MAX_NAME_LENGTH}")
     return name
+
+
+def check_member_name(name: str, source: str) -> str:
+    """The name itself, if a member of a struct can have it in C and C++.
+
+    Raises:
+        CNameError: saying what is wrong and what was expected.
+    """
+    shown = name if len(name) <= 50 and name.isprintable() else repr(name[:50])
+    if not _IDENTIFIER.fullmatch(name):
+        raise CNameError(f"{source}: {shown!r} is no C identifier (letters, digits and _, no digit first)")
+    if name in _C99_KEYWORDS or name in _CXX_KEYWORDS:
+        raise CNameError(f"{source}: {shown!r} is a reserved word of C or C++; choose another name")
+    if name.startswith("_") or "__" in name or _LIBRARY_PREFIXES.match(name):
+        raise CNameError(f"{source}: {shown!r} may be a macro of the C library or reserved; choose another name")
+    if len(name) > MAX_NAME_LENGTH:
+        raise CNameError(f"{source}: {len(name)} characters long, expected at most {MAX_NAME_LENGTH}")
+    return name
