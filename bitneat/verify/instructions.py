@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""The instruction sets whose code can be looked into: which instructions multiply, and which branch on a condition."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import capstone
+
+from bitneat.errors import BitneatError
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """One instruction where it lies."""
+
+    address: int
+    size: int
+    mnemonic: str
+    operands: str
+
+
+@dataclass(frozen=True, slots=True)
+class InstructionSet:
+    """How to read machine code.
+
+    Args:
+        name: for messages.
+        disassemble: code and its address to its instructions, as far as they can be read.
+        multiplies: by the start of the mnemonic, multiplications and divisions.
+        is_conditional: whether a mnemonic, with its operands, is a branch on a condition or through a table.
+        sums: mnemonics of plain additions and subtractions.
+        nops: instructions that do nothing, by their size.
+        code_mark: how symbols start that mark the beginning of code between constants; None where there are no such.
+    """
+
+    name: str
+    disassemble: Callable[[bytes, int], Iterator[Instruction]] = field(repr=False)
+    multiplies: tuple[str, ...]
+    is_conditional: Callable[[str, str], bool] = field(repr=False)
+    sums: frozenset[str]
+    nops: tuple[bytes, ...]
+    code_mark: str | None = None
+
+    def decode(self, code: bytes, address: int) -> list[Instruction]:
+        """All instructions, as far as they can be read."""
+        return list(self.disassemble(code, address))
+
+    def decode_all(self, code: bytes, address: int, where: str) -> list[Instruction]:
+        """All instructions.
+
+        Raises:
+            BitneatError: if a part of the code cannot be read.
+        """
+        found = self.decode(code, address)
+        reached = found[-1].address + found[-1].size if found else address
+        if reached != address + len(code):
+            raise BitneatError(f"{where}+{reached:#x}: cannot disassemble the compiled code")
+        return found
+
+    def is_multiplication(self, one: Instruction) -> bool:
+        """Or a division."""
+        return one.mnemonic.removeprefix("c.").startswith(self.multiplies)
+
+    def is_conditional_branch(self, one: Instruction) -> bool:
+        """Whether where it goes on may depend on data."""
+        return self.is_conditional(one.mnemonic, one.operands)
+
+    def is_sum(self, one: Instruction) -> bool:
+        """Whether it is a plain addition or subtraction of registers."""
+        return one.mnemonic in self.sums
+
+    def nothing(self, size: int) -> bytes | None:
+        """Instructions of that size that do nothing."""
+        for nop in self.nops:
+            if size % len(nop) == 0:
+                return nop * (size // len(nop))
+        return None
+
+
+def _capstone(arch: str, *modes: str) -> Callable[[bytes, int], Iterator[Instruction]]:
+    def disassemble(code: bytes, address: int) -> Iterator[Instruction]:
+        mode = sum(getattr(capstone, f"CS_MODE_{name}") for name in modes)
+        decoder = capstone.Cs(getattr(capstone, f"CS_ARCH_{arch}"), mode)
+        for where, size, mnemonic, operands in decoder.disasm_lite(code, address):
+            yield Instruction(where, size, mnemonic, operands)
+
+    return disassemble
+
+
+_THUMB_CONDITIONS = ("eq", "ne", "hs", "cs", "lo", "cc", "mi", "pl", "vs", "vc", "hi", "ls", "ge", "lt", "gt", "le")
+_THUMB_BRANCHES = frozenset({"cbz", "cbnz", "tbb", "tbh", *(f"b{condition}" for condition in _THUMB_CONDITIONS)})
+
+THUMB = InstructionSet(
+    name="thumb",
+    disassemble=_capstone("ARM", "THUMB", "MCLASS"),
+    # What ARMv6-M, or any Thumb, has.
+    multiplies=("mul", "mla", "mls", "smul", "smla", "smml", "smu", "umul", "umla", "umaal", "sdiv", "udiv"),
+    is_conditional=lambda mnemonic, _: mnemonic.removesuffix(".w").removesuffix(".n") in _THUMB_BRANCHES,
+    sums=frozenset({"add", "adds", "sub", "subs", "add.w", "sub.w", "adds.w", "subs.w"}),
+    nops=(b"\xc0\x46",),  # mov r8, r8
+    code_mark="$t",
+)
+
+RISCV = InstructionSet(
+    name="riscv",
+    disassemble=_capstone("RISCV", "RISCV32", "RISCVC"),
+    multiplies=("mul", "div", "rem"),
+    is_conditional=lambda mnemonic, _: mnemonic.removeprefix("c.").startswith("b") and mnemonic != "ebreak",
+    sums=frozenset({"add", "sub", "c.add", "c.sub"}),
+    nops=(b"\x13\x00\x00\x00", b"\x01\x00"),
+)
+
+
+def _x86_conditional(mnemonic: str, _: str) -> bool:
+    return (mnemonic.startswith("j") and mnemonic != "jmp") or mnemonic.startswith("loop")
+
+
+X86_64 = InstructionSet(
+    name="x86-64",
+    disassemble=_capstone("X86", "64"),
+    multiplies=("mul", "imul", "div", "idiv", "pmul", "pmadd", "vpmul", "fmul", "fdiv"),
+    is_conditional=_x86_conditional,
+    sums=frozenset({"add", "sub"}),
+    nops=(b"\x90",),
+)
+I386 = InstructionSet(
+    name="i386",
+    disassemble=_capstone("X86", "32"),
+    multiplies=X86_64.multiplies,
+    is_conditional=_x86_conditional,
+    sums=X86_64.sums,
+    nops=X86_64.nops,
+)
+
+POWERPC = InstructionSet(
+    name="powerpc",
+    disassemble=_capstone("PPC", "32", "BIG_ENDIAN"),
+    multiplies=("mul", "div"),
+    is_conditional=lambda mnemonic, _: (
+        mnemonic.startswith("b") and mnemonic not in ("b", "bl", "ba", "bla", "blr", "blrl", "bctr", "bctrl")
+    ),
+    sums=frozenset({"add", "subf", "sub"}),
+    nops=(b"\x60\x00\x00\x00",),
+)
+
+
+_AVR_PATTERNS: tuple[tuple[int, int, str], ...] = (
+    (0xFC00, 0x9C00, "mul"),
+    (0xFF00, 0x0200, "muls"),
+    (0xFF00, 0x0300, "mulsu"),
+    (0xF800, 0xF000, "brbx"),
+    (0xFC08, 0xFC00, "sbrx"),
+    (0xFC00, 0x1000, "cpse"),
+    (0xFD00, 0x9900, "sbix"),
+    (0xFC00, 0x0C00, "add"),
+    (0xFC00, 0x1C00, "adc"),
+    (0xFC00, 0x1800, "sub"),
+    (0xFC00, 0x0800, "sbc"),
+    (0xFE0F, 0x9000, "lds"),
+    (0xFE0F, 0x9200, "sts"),
+    (0xFE0E, 0x940C, "jmp"),
+    (0xFE0E, 0x940E, "call"),
+)
+"""Masks, values and names of the AVR instructions that matter here, from Microchip's instruction set manual. The names stand for
+groups: brbx for all branches on a flag, sbrx and sbix for the skips on a bit, set or clear. mulsu includes fmul and its kin."""
+
+
+def _disassemble_avr(code: bytes, address: int) -> Iterator[Instruction]:
+    at = 0
+    while at + 2 <= len(code):
+        word = int.from_bytes(code[at : at + 2], "little")
+        mnemonic = next((name for mask, value, name in _AVR_PATTERNS if word & mask == value), "other")
+        size = 4 if mnemonic in ("lds", "sts", "jmp", "call") else 2
+        if at + size > len(code):
+            return
+        yield Instruction(address + at, size, mnemonic, f"({code[at : at + size].hex()})")
+        at += size
+
+
+AVR = InstructionSet(
+    name="avr",
+    disassemble=_disassemble_avr,
+    multiplies=("mul",),
+    is_conditional=lambda mnemonic, _: mnemonic in ("brbx", "sbrx", "cpse", "sbix"),
+    sums=frozenset({"add", "adc", "sub", "sbc"}),
+    nops=(b"\x00\x00",),
+)
