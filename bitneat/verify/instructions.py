@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import capstone
@@ -32,6 +32,8 @@ class InstructionSet:
         is_conditional: whether a mnemonic, with its operands, is a branch on a condition or through a table.
         sums: mnemonics of plain additions and subtractions.
         nops: instructions that do nothing, by their size.
+        counts_constant: whether the branch at an index of some code ends a loop that counts a constant down; None where compilers
+            make no such loops.
         code_mark: how symbols start that mark the beginning of code between constants; None where there are no such.
     """
 
@@ -42,10 +44,15 @@ class InstructionSet:
     sums: frozenset[str]
     nops: tuple[bytes, ...]
     code_mark: str | None = None
+    counts_constant: Callable[[Sequence[Instruction], int], bool] | None = field(default=None, repr=False)
 
     def decode(self, code: bytes, address: int) -> list[Instruction]:
         """All instructions, as far as they can be read."""
         return list(self.disassemble(code, address))
+
+    def decode_one(self, code: bytes, offset: int, address: int) -> Instruction | None:
+        """The instruction at an offset of some code that starts at an address; None if it cannot be read."""
+        return next(self.disassemble(code[offset : offset + 16], address + offset), None)
 
     def decode_all(self, code: bytes, address: int, where: str) -> list[Instruction]:
         """All instructions.
@@ -63,13 +70,26 @@ class InstructionSet:
         """Or a division."""
         return one.mnemonic.removeprefix("c.").startswith(self.multiplies)
 
-    def is_conditional_branch(self, one: Instruction) -> bool:
-        """Whether where it goes on may depend on data."""
-        return self.is_conditional(one.mnemonic, one.operands)
+    def conditional_branches(self, code: Sequence[Instruction]) -> list[Instruction]:
+        """Those of some code whose condition may depend on data; a loop that counts a constant down is none."""
+        found = [at for at, one in enumerate(code) if self.is_conditional(one.mnemonic, one.operands)]
+        return [code[at] for at in found if self.counts_constant is None or not self.counts_constant(code, at)]
 
     def is_sum(self, one: Instruction) -> bool:
         """Whether it is a plain addition or subtraction of registers."""
         return one.mnemonic in self.sums
+
+    def executed_sums(self, code: bytes, address: int, path: Iterable[int]) -> list[tuple[Instruction, bytes]]:
+        """The additions and subtractions that were executed, each with instructions of the same size that do nothing.
+
+        Args:
+            code: machine code.
+            address: where it starts.
+            path: the addresses executed.
+        """
+        found = [self.decode_one(code, here - address, address) for here in sorted(set(path))]
+        pairs = [(one, self.nothing(one.size)) for one in found if one is not None and self.is_sum(one)]
+        return [(one, nothing) for one, nothing in pairs if nothing is not None]
 
     def nothing(self, size: int) -> bytes | None:
         """Instructions of that size that do nothing."""
@@ -150,6 +170,7 @@ _AVR_PATTERNS: tuple[tuple[int, int, str], ...] = (
     (0xFC00, 0x9C00, "mul"),
     (0xFF00, 0x0200, "muls"),
     (0xFF00, 0x0300, "mulsu"),
+    (0xFC07, 0xF401, "brne"),
     (0xF800, 0xF000, "brbx"),
     (0xFC08, 0xFC00, "sbrx"),
     (0xFC00, 0x1000, "cpse"),
@@ -158,13 +179,17 @@ _AVR_PATTERNS: tuple[tuple[int, int, str], ...] = (
     (0xFC00, 0x1C00, "adc"),
     (0xFC00, 0x1800, "sub"),
     (0xFC00, 0x0800, "sbc"),
+    (0xF000, 0xE000, "ldi"),
+    (0xFE0F, 0x940A, "dec"),
+    (0xFE0F, 0x9405, "shift"),
+    (0xFE0E, 0x9406, "shift"),
     (0xFE0F, 0x9000, "lds"),
     (0xFE0F, 0x9200, "sts"),
     (0xFE0E, 0x940C, "jmp"),
     (0xFE0E, 0x940E, "call"),
 )
 """Masks, values and names of the AVR instructions that matter here, from Microchip's instruction set manual. The names stand for
-groups: brbx for all branches on a flag, sbrx and sbix for the skips on a bit, set or clear. mulsu includes fmul and its kin."""
+groups: brbx for all other branches on a flag, shift for asr, lsr and ror, sbrx and sbix for the skips on a bit, set or clear. mulsu includes fmul and its kin."""
 
 
 def _disassemble_avr(code: bytes, address: int) -> Iterator[Instruction]:
@@ -179,11 +204,30 @@ def _disassemble_avr(code: bytes, address: int) -> Iterator[Instruction]:
         at += size
 
 
+def _avr_counts_constant(code: Sequence[Instruction], at: int) -> bool:
+    """An AVR shifts by one bit only; gcc -Os writes a shift by a constant as ``ldi r, n; loop: lsr …; dec r; brne loop``.
+
+    Where the branch goes is not known before linking, so the loop is known by its counter: brne follows dec, and the instruction
+    before the four or fewer that shift loads the same register with a constant.
+    """
+    if code[at].mnemonic != "brne" or at == 0 or code[at - 1].mnemonic != "dec":
+        return False
+    counter = int.from_bytes(bytes.fromhex(code[at - 1].operands[1:-1])[:2], "little") >> 4 & 31
+    for before in reversed(code[max(at - 6, 0) : at - 1]):
+        if before.mnemonic == "ldi":
+            word = int.from_bytes(bytes.fromhex(before.operands[1:-1]), "little")
+            return (word >> 4 & 15) + 16 == counter
+        if before.mnemonic not in ("add", "adc", "shift"):
+            return False
+    return False
+
+
 AVR = InstructionSet(
     name="avr",
     disassemble=_disassemble_avr,
     multiplies=("mul",),
-    is_conditional=lambda mnemonic, _: mnemonic in ("brbx", "sbrx", "cpse", "sbix"),
+    is_conditional=lambda mnemonic, _: mnemonic in ("brne", "brbx", "sbrx", "cpse", "sbix"),
     sums=frozenset({"add", "adc", "sub", "sbc"}),
     nops=(b"\x00\x00",),
+    counts_constant=_avr_counts_constant,
 )

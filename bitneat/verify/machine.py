@@ -180,14 +180,14 @@ def instruction_violations(path: Path, style: Style, instructions: InstructionSe
         for index, section in enumerate(elf.iter_sections()):
             if section["sh_flags"] & SH_FLAGS.SHF_EXECINSTR and section["sh_size"]:
                 for start, end in _code_ranges(elf, index, section, instructions.code_mark):
-                    for one in instructions.decode_all(section.data()[start:end], start, section.name):
-                        if instructions.is_multiplication(one):
-                            what = "a multiplication or division"
-                        elif style == "unrolled" and instructions.is_conditional_branch(one):
-                            what = "a conditional branch"
-                        else:
-                            continue
-                        yield f"{section.name}+{one.address:#x}: {one.mnemonic} {one.operands} is {what}"
+                    code = instructions.decode_all(section.data()[start:end], start, section.name)
+                    branches = instructions.conditional_branches(code) if style == "unrolled" else []
+                    for found, what in (
+                        (filter(instructions.is_multiplication, code), "a multiplication or division"),
+                        (branches, "a conditional branch"),
+                    ):
+                        for one in found:
+                            yield f"{section.name}+{one.address:#x}: {one.mnemonic} {one.operands} is {what}"
 
 
 def _code_ranges(elf: ELFFile, index: int, section: Section, code_mark: str | None) -> list[tuple[int, int]]:

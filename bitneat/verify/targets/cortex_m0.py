@@ -57,7 +57,7 @@ def _cycles(one: Instruction) -> tuple[int, int]:
         return 4, 4
     if mnemonic in ("b", "bx", "blx"):
         return _TAKEN, _TAKEN
-    if THUMB.is_conditional_branch(one):
+    if THUMB.is_conditional(mnemonic, one.operands):
         return _NOT_TAKEN, _TAKEN
     raise BitneatError(f"{one.address:#x}: {mnemonic} {one.operands}: {SOURCE} gives no cycles that always hold")
 

@@ -16,8 +16,9 @@ from elftools.elf.sections import SymbolTableSection
 from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object, link_program
 from bitneat.verify.cfile import CFile
+from bitneat.verify.instructions import InstructionSet
 from bitneat.verify.machine import OBJECT_FLAGS, Toolchain
-from bitneat.verify.targets.tracing import SOURCES
+from bitneat.verify.targets.tracing import SOURCES, Trace
 
 
 @dataclass(frozen=True)
@@ -137,3 +138,12 @@ def require_symbols(image: Image, names: Sequence[str]) -> None:
     missing = [name for name in names if name not in image.symbols]
     if missing:
         raise BitneatError(f"{image.code.path}: the linked program lacks {missing[0]}")
+
+
+def nop_faults(image: Image, trace: Trace, instructions: InstructionSet) -> list[tuple[str, Image]]:
+    """Copies of an image with one executed addition or subtraction replaced by instructions that do nothing."""
+    sums = instructions.executed_sums(image.controller, image.code_range.start, trace.path)
+    return [
+        (f"without {one.mnemonic} {one.operands} at {one.address:#x}", image.patched(one.address, nothing))
+        for one, nothing in sums
+    ]

@@ -19,7 +19,7 @@ from bitneat.native.build import shared_library
 from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.instructions import AVR
 from bitneat.verify.targets.emulated import BLOCK_LIMIT, ByteOrder
-from bitneat.verify.targets.image import Image, require_symbols
+from bitneat.verify.targets.image import Image, nop_faults, require_symbols
 from bitneat.verify.targets.tracing import SOURCES, TRACE_DECLARATIONS, Recorder, Trace
 
 _DECLARATIONS = """
@@ -62,12 +62,7 @@ class SimavrEmulator:
 
     def faults(self, image: Image, trace: Trace) -> list[tuple[str, Image]]:
         """Additions and subtractions replaced by instructions that do nothing."""
-        found = {one.address: one for one in AVR.decode(image.controller, image.code_range.start)}
-        return [
-            (f"no {one.mnemonic} at {address:#x}", image.patched(address, AVR.nops[0]))
-            for address in sorted(set(trace.path))
-            if (one := found.get(address)) is not None and AVR.is_sum(one)
-        ]
+        return nop_faults(image, trace, AVR)
 
 
 @cache

@@ -19,7 +19,7 @@ from bitneat.errors import BitneatError
 from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.instructions import InstructionSet
 from bitneat.verify.targets.emulated import BLOCK_LIMIT, ByteOrder
-from bitneat.verify.targets.image import Image, require_symbols
+from bitneat.verify.targets.image import Image, nop_faults, require_symbols
 from bitneat.verify.targets.tracing import SOURCES, TRACE_DECLARATIONS, Recorder, Trace, trace_library
 
 _DECLARATIONS = """
@@ -95,17 +95,7 @@ class UnicornEmulator:
 
     def faults(self, image: Image, trace: Trace) -> list[tuple[str, Image]]:
         """Additions and subtractions replaced by instructions that do nothing."""
-        changed = []
-        found = {one.address: one for one in self.instructions.decode(image.controller, image.code_range.start)}
-        for address in sorted(set(trace.path)):
-            one = found.get(address)
-            if one is None or not self.instructions.is_sum(one):
-                continue
-            nothing = self.instructions.nothing(one.size)
-            if nothing is not None:
-                what = f"no {one.mnemonic} {one.operands} at {address:#x}"
-                changed.append((what, image.patched(address, nothing)))
-        return changed
+        return nop_faults(image, trace, self.instructions)
 
 
 @cache

@@ -44,8 +44,7 @@ static uint32_t pointer(const avr_t *avr, int low)
     return avr->data[low] | (uint32_t)avr->data[low + 1] << 8;
 }
 
-/* Which address an instruction reads or writes, by the instruction set manual; calls and returns use the stack pointer, which
- * the addresses executed decide. */
+/* Which address an instruction reads or writes, by the instruction set manual. */
 static void access(avr_t *avr, uint32_t pc, struct bitneat_trace *trace)
 {
     const uint32_t code = avr->flash[pc] | (uint32_t)avr->flash[pc + 1] << 8;
@@ -68,17 +67,15 @@ static void access(avr_t *avr, uint32_t pc, struct bitneat_trace *trace)
         } else { /* LPM, ELPM */
             bitneat_on_access(avr, 2, pointer(avr, 30), 1, 0, trace);
         }
+    } else if ((code & 0xf000U) == 0xd000U || (code & 0xfe0eU) == 0x940eU || code == 0x9509U) { /* RCALL, CALL, ICALL */
+        bitneat_on_access(avr, 1, pointer(avr, R_SPL) - 1, 2, 0, trace);
+    } else if (code == 0x9508U) { /* RET */
+        bitneat_on_access(avr, 0, pointer(avr, R_SPL) + 1, 2, 0, trace);
     } else if (code == 0x95c8U) { /* LPM */
         bitneat_on_access(avr, 2, pointer(avr, 30), 1, 0, trace);
     }
 }
 
-static int read_sp(void *engine, int which, void *value)
-{
-    (void)which;
-    *(uint64_t *)value = pointer(engine, R_SPL);
-    return 0;
-}
 
 int bitneat_avr_run(void *machine, uint32_t entry, uint32_t halt, uint64_t limit, struct bitneat_trace *trace)
 {
@@ -89,9 +86,6 @@ int bitneat_avr_run(void *machine, uint32_t entry, uint32_t halt, uint64_t limit
     avr->data[R_SPL] = avr->ramend & 0xffU;
     avr->data[R_SPH] = (uint8_t)(avr->ramend >> 8);
     avr->state = cpu_Running;
-    if (trace != NULL) {
-        trace->read_register = read_sp;
-    }
     while (avr->pc != halt) {
         if (limit-- == 0) {
             return RUNAWAY;
@@ -103,6 +97,11 @@ int bitneat_avr_run(void *machine, uint32_t entry, uint32_t halt, uint64_t limit
             if (trace->active) {
                 if (!was_active) {
                     begin = avr->cycle;
+                    /* The stack pointer is written in two halves, and is nonsense in between: only accesses count. */
+                    trace->entry_sp = pointer(avr, R_SPL);
+                    if (trace->num_steps == 0) {
+                        trace->lowest = trace->entry_sp + 1;
+                    }
                 }
                 access(avr, avr->pc, trace);
             }

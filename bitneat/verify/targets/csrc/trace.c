@@ -68,7 +68,7 @@ void bitneat_on_access(void *engine, int kind, uint64_t address, int size, int64
     (void)value;
     if (trace->active) {
         trace->now.data = mix(trace->now.data, address ^ ((uint64_t)size << 48) ^ ((uint64_t)kind << 56));
-        if (trace->num_steps == 0 && address < trace->stack_end) {
+        if ((kind & 1) && trace->num_steps == 0 && address < trace->stack_end) { /* odd: a write */
             lower(trace, address);
         }
     }

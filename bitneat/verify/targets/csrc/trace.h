@@ -28,7 +28,7 @@ struct bitneat_trace {
     uint64_t *path;                /* the addresses of the first call */
     uint64_t path_length, path_capacity;
     uint64_t stack_begin, stack_end;
-    uint64_t entry_sp, lowest;     /* of the first call: the stack pointer at its start, and the lowest it came or wrote */
+    uint64_t entry_sp, lowest;     /* of the first call: the stack pointer at its start, and the lowest it came or was written */
     int (*stop)(void *engine);
     int (*read_register)(void *engine, int which, void *value);
     int sp_register;
