@@ -188,8 +188,11 @@ _AVR_PATTERNS: tuple[tuple[int, int, str], ...] = (
     (0xFE0E, 0x940C, "jmp"),
     (0xFE0E, 0x940E, "call"),
 )
-"""Masks, values and names of the AVR instructions that matter here, from Microchip's instruction set manual. The names stand for
-groups: brbx for all other branches on a flag, shift for asr, lsr and ror, sbrx and sbix for the skips on a bit, set or clear. mulsu includes fmul and its kin."""
+"""Masks, values and names of the AVR instructions that matter here, from Microchip's instruction set manual.
+
+The names stand for groups: brbx for all other branches on a flag, shift for asr, lsr and ror, sbrx and sbix for the skips on a
+bit, set or clear. mulsu includes fmul and its kin.
+"""
 
 
 def _disassemble_avr(code: bytes, address: int) -> Iterator[Instruction]:

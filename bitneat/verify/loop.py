@@ -84,6 +84,8 @@ class Lane:
     implementation: Implementation
     max_vectors: int | None = None
     """How many of the vectors it is given; all if None."""
+    max_episodes: int | None = None
+    """How many episodes it takes part in; all if None."""
     steps: int = 0
     """Steps of episodes that were compared."""
     vectors: int = 0
@@ -132,6 +134,10 @@ Progress = Callable[[int, int, Episode], None]
 """Called after each episode with how many are done, how many there will be, and the episode."""
 
 
+Note = Callable[[str], None]
+"""Called with a line about what is done next."""
+
+
 class Comparison:
     """The reference and everything that is compared with it, stepped together.
 
@@ -158,6 +164,8 @@ class Comparison:
         """One step everywhere; the reference's outputs."""
         outputs = np.array(self._reference.step(inputs.tolist()), dtype=np.int16)
         for lane in self._running():
+            if place.episode is not None and lane.max_episodes is not None and place.episode >= lane.max_episodes:
+                continue
             try:
                 self._compare(lane, inputs, outputs, place)
             except ImplementationError as error:
@@ -166,7 +174,7 @@ class Comparison:
         return outputs
 
     def vectors(
-        self, vectors: npt.NDArray[np.int16], sequence: int, progress: Callable[[str], None] | None = None
+        self, vectors: npt.NDArray[np.int16], sequence: int, progress: Note | None = None
     ) -> None:
         """Input vectors from anywhere, (count, inputs), each ``sequence`` of them from reset.
 
@@ -228,7 +236,7 @@ class Comparison:
         step, reason = 0, "crashed, but not again when the steps were repeated one by one"
         try:
             lane.implementation.reset()
-            for step, (inputs, expected) in enumerate(zip(vectors, outputs, strict=True)):  # noqa: B007
+            for step, (inputs, expected) in enumerate(zip(vectors, outputs, strict=True)):
                 self._compare(lane, inputs, expected, Place(start + step))
         except ImplementationError as error:
             reason = str(error)

@@ -94,7 +94,7 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
 
 
 def _writes_call_graphs(compiler: Compiler) -> bool:
-    """gcc does, since 10; Debian's for AVR is older."""
+    """Whether it does; gcc has since version 10, and Debian's for AVR is older."""
     version = re.search(r"\) (\d+)\.", compiler.title)
     return compiler.family == "gcc" and (version is None or int(version[1]) >= 10)
 

@@ -12,9 +12,9 @@ from bitneat.verify.targets.host import HostTarget
 
 __all__ = ["TARGETS", "HostTarget", "ReadyTarget", "Target", "select"]
 
-TARGETS: dict[str, Target] = {
-    target.name: target for target in (HostTarget("unrolled"), HostTarget("table"), *CHIPS)
-}
+_TARGETS: tuple[Target, ...] = (HostTarget("unrolled"), HostTarget("table"), *CHIPS)
+
+TARGETS: dict[str, Target] = {target.name: target for target in _TARGETS}
 
 
 def select(names: Sequence[str] | None, *, run: bool = True) -> list[ReadyTarget]:

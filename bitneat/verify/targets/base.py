@@ -56,6 +56,10 @@ class Target(Protocol):
     def implementations(self, code: CFile, toolchain: Toolchain) -> list[Implementation]:
         """What to run in the loop, one for each entry point."""
 
+    @property
+    def cycles_source(self) -> str | None:
+        """Who counts cycles, or whose timings are summed; None where no cycles are claimed."""
+
     def cycles(self, code: bytes, address: int, path: tuple[int, ...]) -> int | None:
         """The cycles of a run through some code by the published timings of the processor; None if it has none that hold.
 

@@ -30,6 +30,7 @@ class Chip:
         package: the Debian package of the first of them.
         timing: cycles of a run through machine code, by the processor's published timings, where those depend on nothing
             else; takes code, its address and the addresses executed.
+        cycles_source: who counts cycles, or whose timings ``timing`` sums; None where none are claimed.
         chip: the device that `ram` and `flash`, its bytes, belong to.
     """
 
@@ -41,6 +42,7 @@ class Chip:
     gcc_flags: tuple[str, ...] = ()
     package: str = ""
     timing: Callable[[bytes, int, tuple[int, ...]], int] | None = None
+    cycles_source: str | None = None
     chip: str = ""
     ram: int | None = None
     flash: int | None = None

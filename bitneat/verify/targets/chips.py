@@ -24,6 +24,7 @@ CHIPS: tuple[Chip, ...] = (
         emulator=arm("ARM_CORTEX_M0", THUMB),
         instructions=THUMB,
         timing=cortex_m0.cycles,
+        cycles_source=cortex_m0.SOURCE,
     ),
     Chip(
         name="cortex-m3",
@@ -81,6 +82,7 @@ CHIPS: tuple[Chip, ...] = (
         zig=("-target", "avr-freestanding-none", "-mcpu=atmega328p", "-isystem", str(SOURCES)),
         emulator=SimavrEmulator("atmega328p"),
         instructions=AVR,
+        cycles_source="simavr",
         chip="ATmega328P",
         ram=2048,
         flash=32768,

@@ -65,9 +65,7 @@ class Emulator(Protocol):
         """A fresh machine with an image; ``traced_steps`` is how many steps it can record, none unless asked for."""
 
     def faults(self, image: Image, trace: Trace) -> list[tuple[str, Image]]:
-        """Copies of an image with one executed instruction changed, each with what was changed: additions and subtractions,
-        which no compiler leaves in without a reason.
-        """
+        """Copies of an image with one executed addition or subtraction taken out, each with what was changed."""
 
 
 class EmulatedC:

@@ -68,6 +68,11 @@ class HostTarget:
             for entry in entries(code)
         ]
 
+    @property
+    def cycles_source(self) -> str | None:
+        """Nobody."""
+        return None
+
     def cycles(self, code: bytes, address: int, path: tuple[int, ...]) -> int | None:
         """No processor of this kind has fixed ones."""
         del code, address, path

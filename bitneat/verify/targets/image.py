@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from elftools.elf.elffile import ELFFile
-from elftools.elf.sections import SymbolTableSection
+from elftools.elf.sections import Section, SymbolTableSection
 
 from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object, link_program
@@ -61,13 +61,13 @@ class Image:
     @cached_property
     def code_range(self) -> range:
         """Where the code under test lies; of an ELF file."""
-        section = self._elf.get_section_by_name(".controller")
+        section = self._section
         return range(int(section["sh_addr"]), int(section["sh_addr"]) + int(section["sh_size"]))
 
     @cached_property
     def controller(self) -> bytes:
         """The bytes in `code_range`."""
-        return bytes(self._elf.get_section_by_name(".controller").data())
+        return bytes(self._section.data())
 
     def patched(self, address: int, instruction: bytes) -> Image:
         """A copy with other bytes at an address of the code under test, as a wrong compiler might have put them there.
@@ -75,7 +75,7 @@ class Image:
         Raises:
             ValueError: if that is outside the code under test.
         """
-        section = self._elf.get_section_by_name(".controller")
+        section = self._section
         if address not in self.code_range or address + len(instruction) > self.code_range.stop:
             raise ValueError(f"{address:#x} is outside the code under test")
         return self.overwritten(int(section["sh_offset"]) + address - self.code_range.start, instruction)
@@ -83,6 +83,13 @@ class Image:
     def overwritten(self, offset: int, content: bytes) -> Image:
         """A copy with other bytes at an offset of the file."""
         return replace(self, content=self.content[:offset] + content + self.content[offset + len(content) :])
+
+    @cached_property
+    def _section(self) -> Section:
+        section = self._elf.get_section_by_name(".controller")
+        if section is None:
+            raise BitneatError(f"{self.code.path}: the linked program has no code of it")
+        return section
 
     @cached_property
     def _elf(self) -> ELFFile:
