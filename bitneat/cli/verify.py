@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,8 +47,7 @@ class _Job:
     handed_out: bool
     targets: list[ReadyTarget]
     settings: Settings
-    progress: Progress
-    note: Note
+    display: _Display
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,8 +115,8 @@ def run(args: argparse.Namespace) -> int:
         code, handed_out = _code(args, champion, Path(folder))
         if args.inject_fault is not None and names is None:
             names = _targets_of_style(code)
-        with _progress(verbose=settings.vectors > VECTORS) as (progress, note):
-            job = _Job(args, champion, code, handed_out, select(names), settings, progress, note)
+        with _display(verbose=settings.vectors > VECTORS) as display:
+            job = _Job(args, champion, code, handed_out, select(names), settings, display)
             data, passed = _verify(job) if args.inject_fault is None else _verify_fault(job)
     if args.json is not None:
         write_json(args.json, data)
@@ -176,9 +175,10 @@ def _verify(job: _Job) -> tuple[dict[str, Any], bool]:
         job.targets,
         job.settings,
         handed_out=job.handed_out,
-        progress=job.progress,
-        note=job.note,
+        progress=job.display.progress,
+        note=job.display.note,
     )
+    job.display.end()  # before the report is printed
     print(render(report))
     data = report.to_data()
     if job.args.fault_campaign is None or not report.passed:
@@ -195,7 +195,9 @@ def _verify_fault(job: _Job) -> tuple[dict[str, Any], bool]:
     if stale:
         raise BitneatError(f"--inject-fault: wants a file that is right: {stale[0]}")
     number = job.args.inject_fault
-    fault, report = verify_fault(job.champion, job.code, number, job.targets, job.settings, progress=job.progress)
+    progress = job.display.progress
+    fault, report = verify_fault(job.champion, job.code, number, job.targets, job.settings, progress=progress)
+    job.display.end()
     report = replace(report, handed_out=job.handed_out)
     print(f"planted fault {number} in a copy of {_title(job.code, job.handed_out)}: {fault}")
     print(render(report))
@@ -280,17 +282,24 @@ def render(report: Report) -> str:
         lines += _render_timing(report)
     name = report.code.path if report.handed_out else report.code.path.name
     if report.passed:
-        ran = [entry for entry in data["targets"] if entry["steps_compared"] is not None]
-        own = [entry["name"] for entry in ran if entry["style"] == report.code.style]
-        others = [f"{entry['style']} style on {entry['name']}" for entry in ran if entry["style"] != report.code.style]
-        lines.append(
-            f"PASS {name}: equal to the reference in every output bit of {data['steps']} steps on {', '.join(own)}"
-            + (f"; so is its {', '.join(others)}" if others else "")
-        )
+        lines.append(f"PASS {name}: equal to the reference in every output bit of {_where_equal(report)}")
     else:
         lines += [f"failure: {failure}" for failure in report.failures[1:]]
         lines.append(f"FAIL {report.failures[0]}")
     return "\n".join(printable(line) for text in lines for line in text.split("\n"))
+
+
+def _where_equal(report: Report) -> str:
+    """The steps and targets, the file's own style first; those that took part in the first episode alone by themselves."""
+    ran = [target for target in report.targets if target.steps_compared is not None]
+    own = [target for target in ran if target.style == report.code.style]
+    text = "; ".join(
+        f"{steps} steps on {', '.join(target.name for target in own if target.loop_steps == steps)}"
+        for steps in sorted({target.loop_steps or 0 for target in own}, reverse=True)
+    )
+    for style in dict.fromkeys(target.style for target in ran if target.style != report.code.style):
+        text += f"; so is its {style} style on {', '.join(target.name for target in ran if target.style == style)}"
+    return text
 
 
 def _independence(trace: dict[str, Any] | None) -> str | None:
@@ -334,8 +343,17 @@ def _number(value: float | None) -> str:
     return "infinite" if value is None else f"{value:.4g}"
 
 
+@dataclass(frozen=True)
+class _Display:
+    """How far it is: what is called after each episode, before anything else that takes long, and at the end."""
+
+    progress: Progress
+    note: Note
+    end: Callable[[], None]
+
+
 @contextmanager
-def _progress(*, verbose: bool) -> Iterator[tuple[Progress, Note]]:
+def _display(*, verbose: bool) -> Iterator[_Display]:
     """A bar on a terminal, a line an episode elsewhere; both on stderr. What comes besides is said if there is much of it."""
     if not sys.stderr.isatty():
 
@@ -347,7 +365,7 @@ def _progress(*, verbose: bool) -> Iterator[tuple[Progress, Note]]:
             if verbose:
                 print(text, file=sys.stderr, flush=True)
 
-        yield line, say
+        yield _Display(line, say, lambda: None)
         return
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -362,4 +380,4 @@ def _progress(*, verbose: bool) -> Iterator[tuple[Progress, Note]]:
         def describe(text: str) -> None:
             bar.update(task, description=text)
 
-        yield advance, describe
+        yield _Display(advance, describe, bar.stop)

@@ -479,7 +479,9 @@ class _Check:
         if wrong is None:
             return True
         if item.ready.asked:
-            raise BitneatError(f"--targets {item.ready.target.name}: {item.code.path.name} (style {item.code.style}) {wrong}")
+            raise BitneatError(
+                f"--targets {item.ready.target.name}: {item.code.path.name} (style {item.code.style}) {wrong}"
+            )
         self.warnings.append(f"{item.where}: not run: {wrong}")
         return False
 

@@ -173,9 +173,7 @@ class Comparison:
                 self._note(lane, inputs, place, reason=str(error))
         return outputs
 
-    def vectors(
-        self, vectors: npt.NDArray[np.int16], sequence: int, progress: Note | None = None
-    ) -> None:
+    def vectors(self, vectors: npt.NDArray[np.int16], sequence: int, progress: Note | None = None) -> None:
         """Input vectors from anywhere, (count, inputs), each ``sequence`` of them from reset.
 
         Args:

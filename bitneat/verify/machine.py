@@ -23,6 +23,8 @@ from bitneat.native.compiler import Compiler
 from bitneat.native.elf import measure
 from bitneat.verify.cfile import CFile
 from bitneat.verify.instructions import InstructionSet
+from bitneat.verify.wasm import MAGIC, WasmObject, read_wasm
+from bitneat.verify.wasm import violations as wasm_violations
 
 _SELF_STARTING = re.compile(r"\.(preinit|init|fini|ctors|dtors|deplibs|linker-options)\b")
 
@@ -35,6 +37,7 @@ OBJECT_FLAGS = (
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
 )
+
 
 @dataclass(frozen=True, slots=True)
 class Toolchain:
@@ -78,6 +81,8 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         if _writes_call_graphs(toolchain.compiler):
             flags.append("-fcallgraph-info=su")
         compile_object(code.path, toolchain.compiler, flags, out)
+        if out.read_bytes().startswith(MAGIC):
+            return _examine_wasm(code, read_wasm(out.read_bytes()))
         static = _static_data(out)
         violations = _foreign_parts(out)
         if toolchain.instructions is not None:
@@ -89,6 +94,16 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         flash=flash,
         ram=sum(static.values()) + 2 * (code.num_state or 0),
         stack=stack,
+        violations=tuple(violations),
+    )
+
+
+def _examine_wasm(code: CFile, wasm: WasmObject) -> Examination:
+    violations = wasm_violations(wasm, straight=code.style == "unrolled")
+    return Examination(
+        flash=wasm.code_bytes + sum(size for _, size in wasm.segments),
+        ram=2 * (code.num_state or 0),
+        stack=None,
         violations=tuple(violations),
     )
 

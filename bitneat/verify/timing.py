@@ -27,6 +27,8 @@ class EntryTiming:
     same_data: bool
     fingerprint: str
     cycles_source: str | None
+    addresses: bool
+    """Whether addresses were compared, and not only how many instructions there were."""
 
     @property
     def independent(self) -> bool:
@@ -38,6 +40,8 @@ class EntryTiming:
         """What may be said of its timing."""
         if not self.independent:
             return "depends on data"
+        if not self.addresses:
+            return "the same number of instructions in every step"
         if self.cycles is None:
             return "data-independent trace"
         return f"WCET = BCET = {self.cycles} cycles ({self.cycles_source})"
@@ -48,9 +52,9 @@ class EntryTiming:
             "instructions_per_step": {"min": self.instructions[0], "max": self.instructions[1]},
             "cycles_per_step": self.cycles,
             "stack_bytes": self.stack,
-            "same_addresses": self.same_code,
-            "same_data_addresses": self.same_data,
-            "fingerprint": self.fingerprint,
+            "same_addresses": self.same_code if self.addresses else None,
+            "same_data_addresses": self.same_data if self.addresses else None,
+            "fingerprint": self.fingerprint if self.addresses else None,
             "timing": self.claim,
         }
 
@@ -108,6 +112,7 @@ def entry_timing(target: Target, image: Image, trace: Trace) -> EntryTiming:
         same_data=trace.same_data,
         fingerprint=trace.fingerprint,
         cycles_source=target.cycles_source,
+        addresses=trace.addresses,
     )
 
 
@@ -118,7 +123,9 @@ def dependence(trace: Trace, vectors: npt.NDArray[np.int16]) -> list[str]:
         if not same:
             step = trace.first_difference
             inputs = ", ".join(map(str, vectors[step].tolist() if step is not None else ()))
-            found.append(f"the addresses {what} depend on the inputs: with ({inputs}) they are others than with the first")
+            found.append(
+                f"the addresses {what} depend on the inputs: with ({inputs}) they are others than with the first"
+            )
     if trace.same_code and trace.cycles is not None and len(set(trace.cycles.tolist())) > 1:
         found.append("the cycles depend on the inputs, although the addresses do not")
     return found

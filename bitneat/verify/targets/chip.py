@@ -13,7 +13,7 @@ from bitneat.verify.implementation import Implementation, entries
 from bitneat.verify.instructions import InstructionSet
 from bitneat.verify.machine import Toolchain
 from bitneat.verify.targets.emulated import EmulatedC, Emulator
-from bitneat.verify.targets.image import build_image
+from bitneat.verify.targets.image import build_image, driver_data
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,8 @@ class Chip:
         Raises:
             CompilerError: if compiler or linker refuse.
         """
-        image = build_image(
-            code, toolchain, entry, batch=self.emulator.batch, link_flags=self.emulator.link_flags
-        )
+        link_flags = self.emulator.link_flags((f"{code.name}_{entry}", *driver_data(code, entry)))
+        image = build_image(code, toolchain, entry, batch=self.emulator.batch, link_flags=link_flags)
         return EmulatedC(image, self.emulator, f"{self.name} ({image.function})")
 
     def cycles(self, code: bytes, address: int, path: tuple[int, ...]) -> int | None:

@@ -9,6 +9,7 @@ from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.simavr_emulator import SimavrEmulator
 from bitneat.verify.targets.tracing import SOURCES
 from bitneat.verify.targets.unicorn_emulator import UnicornEmulator, arm
+from bitneat.verify.targets.wasmtime_emulator import WasmtimeEmulator
 
 _THUMB = ("-target", "thumb-freestanding-eabi")
 _RISCV = ("-target", "riscv32-freestanding-none")
@@ -110,5 +111,11 @@ CHIPS: tuple[Chip, ...] = (
         zig=("-target", "powerpc-freestanding-eabi"),
         emulator=UnicornEmulator("PPC", ("PPC32", "BIG_ENDIAN"), "PPC_REG_1", POWERPC, byte_order="big"),
         instructions=POWERPC,
+    ),
+    Chip(
+        name="wasm32",
+        zig=("-target", "wasm32-freestanding", "-mcpu=mvp"),
+        emulator=WasmtimeEmulator(),
+        instructions=None,
     ),
 )

@@ -54,9 +54,8 @@ class Emulator(Protocol):
     def byte_order(self) -> ByteOrder:
         """Of the processor."""
 
-    @property
-    def link_flags(self) -> tuple[str, ...]:
-        """How images are linked for it."""
+    def link_flags(self, image_names: tuple[str, ...]) -> tuple[str, ...]:
+        """How images are linked for it, so that functions and data of these names can be found."""
 
     def missing(self) -> str | None:
         """What to install for it; None if it is there."""

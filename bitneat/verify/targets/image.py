@@ -96,6 +96,14 @@ class Image:
         return ELFFile(io.BytesIO(self.content))
 
 
+def driver_data(code: CFile, entry: str) -> tuple[str, ...]:
+    """The arrays that the driver has for a file, which the host reads and writes."""
+    own = ("bitneat_signals",) if entry == "run" else ("bitneat_observation", "bitneat_action")
+    state = ("bitneat_state",) if code.num_state else ()
+    choices = ("bitneat_choices",) if code.has_decide else ()
+    return ("bitneat_inputs", "bitneat_outputs", "bitneat_count", *own, *state, *choices)
+
+
 def build_image(code: CFile, toolchain: Toolchain, entry: str, *, batch: int, link_flags: Sequence[str]) -> Image:
     """Compile a C file with the flags under which it is examined, and link it with the driver.
 

@@ -46,9 +46,9 @@ class SimavrEmulator:
         """As the compilers have it."""
         return "little"
 
-    @property
-    def link_flags(self) -> tuple[str, ...]:
+    def link_flags(self, image_names: tuple[str, ...]) -> tuple[str, ...]:
         """Flash, then RAM."""
+        del image_names
         return (f"-Wl,-T,{SOURCES / 'avr.ld'}",)
 
     def missing(self) -> str | None:

@@ -41,7 +41,8 @@ class Trace:
     """What tracing many steps showed.
 
     ``path`` has the addresses executed in the first step; ``stack`` is the deepest the stack was in it, in bytes, with the
-    return address where the call puts one there. Both hold for every step if `same_code` does.
+    return address where the call puts one there. Both hold for every step if `same_code` does. ``addresses`` is False where the emulator sees no addresses, and steps are
+    compared by how many instructions they execute.
     """
 
     code: npt.NDArray[np.uint64]
@@ -50,6 +51,7 @@ class Trace:
     cycles: npt.NDArray[np.uint64] | None
     path: tuple[int, ...]
     stack: int | None
+    addresses: bool = True
 
     @property
     def steps(self) -> int:

@@ -72,9 +72,9 @@ class UnicornEmulator:
     thumb: bool = False
     batch: int = 512
 
-    @property
-    def link_flags(self) -> tuple[str, ...]:
+    def link_flags(self, image_names: tuple[str, ...]) -> tuple[str, ...]:
         """One script for all."""
+        del image_names
         return (f"-Wl,-T,{SOURCES / 'image.ld'}",)
 
     def missing(self) -> str | None:
@@ -218,5 +218,3 @@ class UnicornMachine:
 def arm(cpu: str, instructions: InstructionSet) -> UnicornEmulator:
     """A Cortex-M."""
     return UnicornEmulator("ARM", ("THUMB", "MCLASS"), "ARM_REG_SP", instructions, cpu=cpu, thumb=True)
-
-
