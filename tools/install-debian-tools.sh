@@ -15,10 +15,12 @@ arm-none-eabi-objdump:binutils-arm-none-eabi
 avr-gcc:gcc-avr
 avr-objdump:binutils-avr
 simavr:simavr
+riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="
 /usr/lib/avr/include/avr/pgmspace.h:avr-libc
+/usr/include/simavr/sim_core.h:libsimavr-dev
 "
 
 missing=""

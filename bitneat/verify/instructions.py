@@ -230,7 +230,7 @@ AVR = InstructionSet(
     disassemble=_disassemble_avr,
     multiplies=("mul",),
     is_conditional=lambda mnemonic, _: mnemonic in ("brne", "brbx", "sbrx", "cpse", "sbix"),
-    sums=frozenset({"add", "adc", "sub", "sbc"}),
+    sums=frozenset({"add", "sub"}),  # those with a carry often add nothing
     nops=(b"\x00\x00",),
     counts_constant=_avr_counts_constant,
 )

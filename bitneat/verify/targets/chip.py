@@ -84,7 +84,7 @@ class Chip:
         """
         link_flags = self.emulator.link_flags((f"{code.name}_{entry}", *driver_data(code, entry)))
         image = build_image(code, toolchain, entry, batch=self.emulator.batch, link_flags=link_flags)
-        return EmulatedC(image, self.emulator, f"{self.name} ({image.function})")
+        return EmulatedC(image, self.emulator, f"{self.name} {code.style} ({image.function})")
 
     def cycles(self, code: bytes, address: int, path: tuple[int, ...]) -> int | None:
         """By `timing`."""

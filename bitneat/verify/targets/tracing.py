@@ -41,8 +41,8 @@ class Trace:
     """What tracing many steps showed.
 
     ``path`` has the addresses executed in the first step; ``stack`` is the deepest the stack was in it, in bytes, with the
-    return address where the call puts one there. Both hold for every step if `same_code` does. ``addresses`` is False where the emulator sees no addresses, and steps are
-    compared by how many instructions they execute.
+    return address where the call puts one there. Both hold for every step if `same_code` does. ``addresses`` is False where
+    the emulator sees none, and steps are compared by how many instructions they execute.
     """
 
     code: npt.NDArray[np.uint64]
