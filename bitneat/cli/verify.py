@@ -258,7 +258,8 @@ def render(report: Report) -> str:
         reward = data["reward"]
         lines.append(
             f"{report.environment_id}: {_count(data['episodes'], 'episode')}, {data['steps']} steps, reward {reward['mean']:.1f} ± "
-            f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); then {report.vectors} vectors of the whole domain"
+            f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); "
+            f"then {report.vectors} vectors of the whole domain"
         )
         lines += _render_inputs(data)
         rows = [

@@ -43,7 +43,7 @@ def test_all_is_every_target(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_unknown_target_lists_the_known() -> None:
-    with pytest.raises(BitneatError, match="host-unrolled, host-table, cortex-m0, .*wasm32, or all"):
+    with pytest.raises(BitneatError, match=r"host-unrolled, host-table, cortex-m0, .*wasm32, or all"):
         select(["cortex-m99"])
     with pytest.raises(BitneatError, match="--targets cortex-m99: no such target"):
         select(["all", "cortex-m99"])
@@ -72,7 +72,7 @@ def test_a_missing_emulator_is_bad_input_where_code_is_to_run(no_unicorn: None) 
 
 def test_a_missing_simavr_names_debians_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(simavr_emulator.ctypes.util, "find_library", lambda name: None)
-    with pytest.raises(BitneatError, match="avr: its tools are missing; install .*apt install libsimavr-dev"):
+    with pytest.raises(BitneatError, match=r"avr: its tools are missing; install .*apt install libsimavr-dev"):
         select(["avr"])
 
 
