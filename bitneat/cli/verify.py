@@ -126,10 +126,12 @@ def run(args: argparse.Namespace) -> int:
 def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[CFile, bool]:
     """The file to judge, and whether it is one that was handed out; says which it is."""
     from bitneat.codegen import generate
-    from bitneat.verify.cfile import CFile, c_name_for, find
+    from bitneat.verify.cfile import CFile, c_name_for, find, require_related
 
     if args.c is not None:
-        return CFile.read(args.c), True
+        named = CFile.read(args.c)
+        require_related(named, champion, args.champion)
+        return named, True
     found = find(champion, args.champion, (args.champion.parent, Path.cwd()))
     if found.stale is not None:
         return found.stale, True

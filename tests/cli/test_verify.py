@@ -178,6 +178,8 @@ def test_hardcore_runs_the_other_environment(run: Run, folder: Path) -> None:
             ["--c", "walker.c", "--targets", "host-table"],
             "--targets: no target of these runs walker.c (style unrolled); add host-unrolled",
         ),
+        (["--c", "cart.c"], "cart.c: is of another controller ("),
+        (["--c", "renamed.c"], "renamed.c: has no function renamed_step, although it says that it is renamed"),
         (["--vectors", "0"], "argument --vectors: '0' is not a whole number in 1..10000000"),
         (["--json", "no/v.json"], "no/v.json: cannot write: No such file or directory"),
         (["--episodes", "0"], "argument --episodes: '0' is not a whole number in 1..100000"),
@@ -187,6 +189,9 @@ def test_hardcore_runs_the_other_environment(run: Run, folder: Path) -> None:
 )
 def test_bad_input_is_one_line_and_status_2(arguments: list[str], message: str, run: Run, folder: Path) -> None:
     (folder / "foreign.c").write_text("int x;\n")
+    written(champion("CartPole-v1", seed=2), folder, stem="cart")
+    renamed = written(plain_champion(), folder, stem="renamed")
+    renamed.path.write_text(renamed.source.replace("renamed_step(", "other_step("))
     written(plain_champion(), folder, stem="walker")
     status, out, err = run(*arguments)
     assert status == 2
