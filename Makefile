@@ -39,7 +39,7 @@ test-long: $(READY)
 	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
 
 # Not those that bitneat.codegen.runtime writes.
-C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc)
+C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc bitneat/verify/targets/csrc)
 
 check: $(READY)
 	$(BIN)/ruff check .

@@ -99,8 +99,9 @@ CHIPS: tuple[Chip, ...] = (
     ),
     Chip(
         name="i386",
-        gcc=("i686-linux-gnu-gcc", "x86_64-linux-gnu-gcc"),
-        gcc_flags=("-m32", *_FIXED),
+        # Not the 64-bit one with -m32: without the other half of the C library it lacks limits.h.
+        gcc=("i686-linux-gnu-gcc",),
+        gcc_flags=_FIXED,
         package="gcc-i686-linux-gnu",
         zig=("-target", "x86-freestanding-none", "-mcpu=i386"),
         emulator=UnicornEmulator("X86", ("32",), "X86_REG_ESP", I386, return_bytes=4),

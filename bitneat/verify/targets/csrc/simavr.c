@@ -76,7 +76,6 @@ static void access(avr_t *avr, uint32_t pc, struct bitneat_trace *trace)
     }
 }
 
-
 int bitneat_avr_run(void *machine, uint32_t entry, uint32_t halt, uint64_t limit, struct bitneat_trace *trace)
 {
     avr_t *const avr = machine;
