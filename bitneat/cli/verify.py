@@ -308,7 +308,8 @@ def _where_equal(report: Report) -> str:
 def _independence(trace: dict[str, Any] | None) -> str | None:
     if trace is None:
         return None
-    return "data-independent" if trace["data_independent"] else "DEPENDS ON DATA"
+    words = {True: "data-independent", None: "same count", False: "DEPENDS ON DATA"}
+    return words[trace["data_independent"]]
 
 
 def _render_timing(report: Report) -> list[str]:
@@ -319,6 +320,8 @@ def _render_timing(report: Report) -> list[str]:
     inputs = sorted({timing.inputs for timing in traced})
     counts = " or ".join(str(count) for count in inputs)
     lines = [f"timing: addresses executed and touched, compared over {counts} traced inputs with the extremes"]
+    counted = sorted({target.name for target in report.targets if target.timing and not target.timing.step.addresses})
+    lines += [f"timing on {name}: only how many instructions each step executes" for name in counted]
     sources = {
         target.name: target.timing.step.cycles_source
         for target in report.targets

@@ -67,6 +67,14 @@ class Timing:
     inputs: int
 
     @property
+    def data_independent(self) -> bool | None:
+        """Whether no trace depends on data; None where only counts were compared, and agree."""
+        entries = self.entries.values()
+        if not all(entry.independent for entry in entries):
+            return False
+        return True if all(entry.addresses for entry in entries) else None
+
+    @property
     def step(self) -> EntryTiming:
         """That of ``name_step``."""
         return self.entries["step"]
@@ -90,7 +98,7 @@ class Timing:
         """The entry ``trace`` of a target in the report."""
         return {
             "inputs": self.inputs,
-            "data_independent": all(entry.independent for entry in self.entries.values()),
+            "data_independent": self.data_independent,
             "entries": {name: entry.to_data() for name, entry in self.entries.items()},
         }
 
@@ -118,14 +126,15 @@ def entry_timing(target: Target, image: Image, trace: Trace) -> EntryTiming:
 
 def dependence(trace: Trace, vectors: npt.NDArray[np.int16]) -> list[str]:
     """How the timing depends on data, a sentence each."""
+    step = trace.first_difference
+    inputs = ", ".join(map(str, vectors[step].tolist() if step is not None else ()))
+    where = f"with ({inputs}) it is otherwise than with the first"
     found = []
-    for same, what in ((trace.same_code, "executed"), (trace.same_data, "read and written")):
-        if not same:
-            step = trace.first_difference
-            inputs = ", ".join(map(str, vectors[step].tolist() if step is not None else ()))
-            found.append(
-                f"the addresses {what} depend on the inputs: with ({inputs}) they are others than with the first"
-            )
+    if not trace.same_code:
+        what = "the addresses executed depend" if trace.addresses else "the number of instructions executed depends"
+        found.append(f"{what} on the inputs: {where}")
+    if not trace.same_data:
+        found.append(f"the addresses read and written depend on the inputs: {where}")
     if trace.same_code and trace.cycles is not None and len(set(trace.cycles.tolist())) > 1:
         found.append("the cycles depend on the inputs, although the addresses do not")
     return found

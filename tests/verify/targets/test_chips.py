@@ -162,7 +162,7 @@ def test_verify_fails_where_the_trace_depends_on_data(tmp_path: Path) -> None:
 def test_the_report_says_what_a_step_takes(tmp_path: Path) -> None:
     whose = plain_champion()
     settings = Settings(episodes=1, max_steps=5)
-    report = verify(whose, written(whose, tmp_path), select(["cortex-m0", "cortex-m3"]), settings)
+    report = verify(whose, written(whose, tmp_path), select(["cortex-m0", "cortex-m3", "wasm32"]), settings)
     assert report.failures == ()
     first, *others = [target for target in report.to_data()["targets"] if target["style"] == "unrolled"]
     least = first["instructions_per_step"]["min"]
@@ -171,7 +171,8 @@ def test_the_report_says_what_a_step_takes(tmp_path: Path) -> None:
     assert first["loop_steps"] == 5
     assert first["trace"]["inputs"] == 2000
     assert "WCET = BCET" in first["trace"]["entries"]["step"]["timing"]
-    assert [other["cycles_per_step"] for other in others] == [None]
+    assert [other["cycles_per_step"] for other in others] == [None, None]
+    assert [other["trace"]["data_independent"] for other in others] == [True, None]
     assert others[0]["trace"]["entries"]["step"]["timing"] == "data-independent trace"
 
 
