@@ -44,8 +44,8 @@ test-baselines: $(READY)
 	@$(BIN)/python -m pytest -n auto tests/baselines tests/cli/test_baseline.py
 
 # Not those that bitneat.codegen.runtime writes.
-C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc) \
-	$(wildcard examples/firmware-*/*.[ch])
+C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc \
+	bitneat/verify/targets/csrc) $(wildcard examples/firmware-*/*.[ch])
 
 check: $(READY)
 	$(BIN)/ruff check .

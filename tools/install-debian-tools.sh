@@ -16,6 +16,7 @@ avr-gcc:gcc-avr
 avr-objdump:binutils-avr
 simavr:simavr
 qemu-system-arm:qemu-system-arm
+riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="

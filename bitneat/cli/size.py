@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.verify.targets import select
 
     champion = load(args.champion)
-    report = measure_sizes(champion, select(target_names(args.targets)))
+    report = measure_sizes(champion, select(target_names(args.targets), run=False))
     print(render(report))
     if args.json is not None:
         write_json(args.json, report.to_data())

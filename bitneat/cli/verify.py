@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     from bitneat.verify.campaign import FaultResult
     from bitneat.verify.cfile import CFile
     from bitneat.verify.check import Report, Settings
-    from bitneat.verify.loop import Episode, Progress
+    from bitneat.verify.loop import Episode, Note, Progress
     from bitneat.verify.targets import ReadyTarget
 
 HELP = "compare generated C with its champion, bit for bit, in the simulator's loop"
 EXAMPLE = """\
   bitneat verify                                     ./champion.pkl and the C generated for it
   bitneat verify champion.pkl --c walker.c --episodes 20 --json verify.json
+  bitneat verify champion.pkl --targets all --episodes 3
   bitneat verify champion.pkl --inject-fault 7       plant a fault: must fail"""
 
 REQUIRED_CAUGHT = 0.9
@@ -46,7 +47,7 @@ class _Job:
     handed_out: bool
     targets: list[ReadyTarget]
     settings: Settings
-    progress: Progress
+    display: _Display
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,6 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", metavar="S", type=whole_number(0, 2**31 - 1), default=0, help="seed of the first episode (default 0)"
     )
     add_targets(parser)
+    parser.add_argument(
+        "--vectors",
+        metavar="N",
+        type=whole_number(1, 10_000_000),
+        help="random inputs besides the episodes (default 2000; with --targets all 100000)",
+    )
     parser.add_argument("--hardcore", action="store_true", help="run BipedalWalkerHardcore-v3 (2000 steps) instead")
     parser.add_argument(
         "--import",
@@ -91,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.champion import load
     from bitneat.files import write_json
     from bitneat.sim.environment import allow_imports
-    from bitneat.verify.check import HARDCORE, Settings
+    from bitneat.verify.check import HARDCORE, THOROUGH_VECTORS, VECTORS, Settings
     from bitneat.verify.targets import select
 
     allow_imports(args.imports)
@@ -102,13 +109,14 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         environment=HARDCORE if args.hardcore else None,
         record=args.fault_campaign is not None,
+        vectors=args.vectors or (THOROUGH_VECTORS if names is not None and "all" in names else VECTORS),
     )
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
         code, handed_out = _code(args, champion, Path(folder))
         if args.inject_fault is not None and names is None:
             names = _targets_of_style(code)
-        with _progress() as progress:
-            job = _Job(args, champion, code, handed_out, select(names), settings, progress)
+        with _display(verbose=settings.vectors > VECTORS) as display:
+            job = _Job(args, champion, code, handed_out, select(names), settings, display)
             data, passed = _verify(job) if args.inject_fault is None else _verify_fault(job)
     if args.json is not None:
         write_json(args.json, data)
@@ -118,10 +126,12 @@ def run(args: argparse.Namespace) -> int:
 def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[CFile, bool]:
     """The file to judge, and whether it is one that was handed out; says which it is."""
     from bitneat.codegen import generate
-    from bitneat.verify.cfile import CFile, c_name_for, find
+    from bitneat.verify.cfile import CFile, c_name_for, find, require_related
 
     if args.c is not None:
-        return CFile.read(args.c), True
+        named = CFile.read(args.c)
+        require_related(named, champion, args.champion)
+        return named, True
     found = find(champion, args.champion, (args.champion.parent, Path.cwd()))
     if found.stale is not None:
         return found.stale, True
@@ -148,7 +158,7 @@ def _style_for(args: argparse.Namespace) -> Style | Literal["auto"]:
 
     names = target_names(args.targets)
     targets = [] if names is None else [ready.target for ready in select(names)]
-    styles = {style for target in targets if target.runs for style in target.styles}
+    styles = {style for target in targets for style in target.styles}
     return styles.pop() if len(styles) == 1 else "auto"
 
 
@@ -161,7 +171,16 @@ def _verify(job: _Job) -> tuple[dict[str, Any], bool]:
     from bitneat.verify.check import verify
 
     print(f"checking {_title(job.code, job.handed_out)} against {job.args.champion}", flush=True)
-    report = verify(job.champion, job.code, job.targets, job.settings, handed_out=job.handed_out, progress=job.progress)
+    report = verify(
+        job.champion,
+        job.code,
+        job.targets,
+        job.settings,
+        handed_out=job.handed_out,
+        progress=job.display.progress,
+        note=job.display.note,
+    )
+    job.display.end()  # before the report is printed
     print(render(report))
     data = report.to_data()
     if job.args.fault_campaign is None or not report.passed:
@@ -178,7 +197,9 @@ def _verify_fault(job: _Job) -> tuple[dict[str, Any], bool]:
     if stale:
         raise BitneatError(f"--inject-fault: wants a file that is right: {stale[0]}")
     number = job.args.inject_fault
-    fault, report = verify_fault(job.champion, job.code, number, job.targets, job.settings, progress=job.progress)
+    progress = job.display.progress
+    fault, report = verify_fault(job.champion, job.code, number, job.targets, job.settings, progress=progress)
+    job.display.end()
     report = replace(report, handed_out=job.handed_out)
     print(f"planted fault {number} in a copy of {_title(job.code, job.handed_out)}: {fault}")
     print(render(report))
@@ -233,15 +254,14 @@ def _title(code: CFile, handed_out: bool) -> str:
 
 def render(report: Report) -> str:
     """The report as text, the verdict last."""
-    from bitneat.verify.check import VECTORS
-
     lines = [f"warning: {warning}" for warning in report.warnings]
     data = report.to_data()
     if report.loop is not None:
         reward = data["reward"]
         lines.append(
             f"{report.environment_id}: {_count(data['episodes'], 'episode')}, {data['steps']} steps, reward {reward['mean']:.1f} ± "
-            f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); then {VECTORS} vectors of the whole domain"
+            f"{reward['std']:.1f} (min {reward['min']:.1f}, max {reward['max']:.1f}); "
+            f"then {report.vectors} vectors of the whole domain"
         )
         lines += _render_inputs(data)
         rows = [
@@ -253,24 +273,62 @@ def render(report: Report) -> str:
                 entry["flash_bytes"],
                 entry["ram_bytes"],
                 entry["stack_bytes"],
+                None if entry["instructions_per_step"] is None else entry["instructions_per_step"]["max"],
+                entry["cycles_per_step"],
+                _independence(entry["trace"]),
                 entry["compiler"],
             )
             for entry in data["targets"]
         ]
-        lines.append(columns(("target", "style", "steps", "mismatches", "flash", "RAM", "stack", "compiler"), rows))
+        head = "target, style, steps, mismatches, flash, RAM, stack, instructions, cycles, timing, compiler"
+        lines.append(columns(head.split(", "), rows))
+        lines += _render_timing(report)
     name = report.code.path if report.handed_out else report.code.path.name
     if report.passed:
-        ran = [entry for entry in data["targets"] if entry["steps_compared"] is not None]
-        own = [entry["name"] for entry in ran if entry["style"] == report.code.style]
-        others = [f"{entry['style']} style on {entry['name']}" for entry in ran if entry["style"] != report.code.style]
-        lines.append(
-            f"PASS {name}: equal to the reference in every output bit of {data['steps']} steps on {', '.join(own)}"
-            + (f"; so is its {', '.join(others)}" if others else "")
-        )
+        lines.append(f"PASS {name}: equal to the reference in every output bit of {_where_equal(report)}")
     else:
         lines += [f"failure: {failure}" for failure in report.failures[1:]]
         lines.append(f"FAIL {report.failures[0]}")
     return "\n".join(printable(line) for text in lines for line in text.split("\n"))
+
+
+def _where_equal(report: Report) -> str:
+    """The steps and targets, the file's own style first; those that took part in the first episode alone by themselves."""
+    ran = [target for target in report.targets if target.steps_compared is not None]
+    own = [target for target in ran if target.style == report.code.style]
+    text = "; ".join(
+        f"{steps} steps on {', '.join(target.name for target in own if target.loop_steps == steps)}"
+        for steps in sorted({target.loop_steps or 0 for target in own}, reverse=True)
+    )
+    for style in dict.fromkeys(target.style for target in ran if target.style != report.code.style):
+        text += f"; so is its {style} style on {', '.join(target.name for target in ran if target.style == style)}"
+    return text
+
+
+def _independence(trace: dict[str, Any] | None) -> str | None:
+    if trace is None:
+        return None
+    words = {True: "data-independent", None: "same count", False: "DEPENDS ON DATA"}
+    return words[trace["data_independent"]]
+
+
+def _render_timing(report: Report) -> list[str]:
+    """How much was traced, and whose cycles those are."""
+    traced = [target.timing for target in report.targets if target.timing is not None]
+    if not traced:
+        return []
+    inputs = sorted({timing.inputs for timing in traced})
+    counts = " or ".join(str(count) for count in inputs)
+    lines = [f"timing: addresses executed and touched, compared over {counts} traced inputs with the extremes"]
+    counted = sorted({target.name for target in report.targets if target.timing and not target.timing.step.addresses})
+    lines += [f"timing on {name}: only how many instructions each step executes" for name in counted]
+    sources = {
+        target.name: target.timing.step.cycles_source
+        for target in report.targets
+        if target.timing is not None and target.timing.cycles is not None
+    }
+    lines += [f"cycles of {name}: WCET = BCET, by {source}" for name, source in sources.items()]
+    return lines
 
 
 def _render_inputs(data: dict[str, Any]) -> list[str]:
@@ -291,16 +349,29 @@ def _number(value: float | None) -> str:
     return "infinite" if value is None else f"{value:.4g}"
 
 
+@dataclass(frozen=True)
+class _Display:
+    """How far it is: what is called after each episode, before anything else that takes long, and at the end."""
+
+    progress: Progress
+    note: Note
+    end: Callable[[], None]
+
+
 @contextmanager
-def _progress() -> Iterator[Progress]:
-    """A bar on a terminal, a line an episode elsewhere; both on stderr."""
+def _display(*, verbose: bool) -> Iterator[_Display]:
+    """A bar on a terminal, a line an episode elsewhere; both on stderr. What comes besides is said if there is much of it."""
     if not sys.stderr.isatty():
 
         def line(done: int, total: int, episode: Episode) -> None:
             text = f"episode {done} of {total}: seed {episode.seed}, {episode.steps} steps, reward {episode.reward:.1f}"
             print(text, file=sys.stderr, flush=True)
 
-        yield line
+        def say(text: str) -> None:
+            if verbose:
+                print(text, file=sys.stderr, flush=True)
+
+        yield _Display(line, say, lambda: None)
         return
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -311,7 +382,8 @@ def _progress() -> Iterator[Progress]:
         def advance(done: int, total: int, episode: Episode) -> None:
             text = f"seed {episode.seed}: reward {episode.reward:.1f}"
             bar.update(task, completed=done, total=total, description=text)
-            if done == total:
-                bar.stop()  # before the report is printed
 
-        yield advance
+        def describe(text: str) -> None:
+            bar.update(task, description=text)
+
+        yield _Display(advance, describe, bar.stop)

@@ -85,6 +85,15 @@ def compile_object(source: Path, compiler: Compiler, flags: Sequence[str], out: 
     _build(compiler, [*flags, "-c", str(source)], out, what=str(source))
 
 
+def link_program(objects: Sequence[Path], compiler: Compiler, flags: Sequence[str], out: Path, *, what: str) -> None:
+    """Link objects to the program ``out`` through their compiler; nothing is cached, nothing is added.
+
+    Raises:
+        CompilerError: The linker refused; the message names ``what`` and holds its first error.
+    """
+    _build(compiler, [*flags, *(str(path) for path in objects)], out, what=what)
+
+
 def cache_dir() -> Path:
     """Return the folder of compiled libraries, made if need be.
 

@@ -185,6 +185,27 @@ def _read(path: Path) -> str:
     return read_capped(path, MAX_FILE_BYTES).decode("utf-8", "surrogateescape")
 
 
+def require_related(code: CFile, champion: Champion, path: Path) -> None:
+    """Refuse a file that is no C of this champion's, rather than call it stale or wrong.
+
+    Args:
+        code: the file that was named.
+        champion: whose C it should be.
+        path: the file that the champion came from.
+
+    Raises:
+        CFileError: if it is of a controller for another task, or lacks the function that its own comment names.
+    """
+    sha256 = champion.controller.sha256
+    if code.sha256 != sha256 and not _is_meant_for(code, champion, path):
+        raise CFileError(
+            f"{code.path}: is of another controller ({code.sha256[:12]}, for {code.environment_id or 'no environment'}),"
+            f" not of {path} ({sha256[:12]}); generate it again"
+        )
+    if not re.search(rf"^void {code.name}_step\(", code.source, re.MULTILINE):
+        raise CFileError(f"{code.path}: has no function {code.name}_step, although it says that it is {code.name}")
+
+
 @dataclass(frozen=True)
 class Search:
     """What was found beside a champion: its own C files, the first of which is judged, and one that is stale.

@@ -22,16 +22,26 @@ from bitneat.errors import BitneatError
 from bitneat.native.compiler import CompilerError
 from bitneat.sim.environment import inspect
 from bitneat.verify.cfile import CFile, CFileError
-from bitneat.verify.implementation import HOST_FLAGS
-from bitneat.verify.loop import Comparison, Lane, LoopResult, Mismatch, Progress, closed_loop
+from bitneat.verify.implementation import HOST_FLAGS, ImplementationError
+from bitneat.verify.loop import Comparison, Lane, LoopResult, Mismatch, Note, Progress, closed_loop
 from bitneat.verify.machine import Examination, examine, loading_violations
 from bitneat.verify.targets import ReadyTarget
+from bitneat.verify.targets.emulated import EmulatedC
+from bitneat.verify.timing import Timing, dependence, entry_timing, excess
 from bitneat.verify.vectors import SEQUENCE, random_vectors
 from bitneat.version import __version__
 
 VECTORS = 2000
 """Random vectors from the whole declared domain that every implementation answers besides the loop, which sees a part of it."""
 _VECTORS_SEED = 2
+THOROUGH_VECTORS = 100_000
+"""As many for ``--targets all``."""
+TRACED = 10_000
+"""How many of the vectors are traced at most, where code runs in an emulator."""
+_AT_A_TIME = 2000
+"""Vectors in one request, of a controller without state."""
+BRIEF_TRACED = 500
+"""The same on targets that nobody asked for by name."""
 
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
 
@@ -46,6 +56,14 @@ class TargetReport:
     steps_compared: int | None
     mismatches: int | None
     examination: Examination
+    loop_steps: int | None = None
+    """How many of the steps compared were taken in the loop."""
+    timing: Timing | None = None
+
+    @property
+    def stack(self) -> int | None:
+        """As measured, else as the compiler says."""
+        return self.examination.stack if self.timing is None else self.timing.stack
 
     def to_data(self) -> dict[str, Any]:
         """The entry of ``targets`` in the report; None where nothing was measured."""
@@ -57,9 +75,11 @@ class TargetReport:
             "mismatches": self.mismatches,
             "flash_bytes": self.examination.flash,
             "ram_bytes": self.examination.ram,
-            "stack_bytes": self.examination.stack,
-            "instructions_per_step": None,
-            "cycles_per_step": None,
+            "stack_bytes": self.stack,
+            "instructions_per_step": None if self.timing is None else self.timing.instructions_per_step,
+            "cycles_per_step": None if self.timing is None else self.timing.cycles,
+            "loop_steps": self.loop_steps,
+            "trace": None if self.timing is None else self.timing.to_data(),
         }
 
 
@@ -77,6 +97,8 @@ class Report:
     loop: LoopResult | None = None
     targets: tuple[TargetReport, ...] = ()
     mismatch: Mismatch | None = None
+    vectors: int = 0
+    """How many vectors were tried besides the loop."""
 
     @property
     def passed(self) -> bool:
@@ -148,8 +170,8 @@ class Settings:
     """How much is checked.
 
     ``environment`` stands in for the champion's own; ``max_steps`` cuts episodes short. ``compare_text`` says whether a file
-    must be what codegen writes, ``record`` whether the report's episodes keep what the reference was asked
-    and answered.
+    must be what codegen writes, ``vectors`` is how many random inputs are tried besides, ``record`` whether the report's
+    episodes keep what the reference was asked and answered.
     """
 
     episodes: int = 5
@@ -158,6 +180,7 @@ class Settings:
     max_steps: int | None = None
     compare_text: bool = True
     record: bool = False
+    vectors: int = VECTORS
 
     @property
     def seeds(self) -> range:
@@ -192,6 +215,7 @@ def verify(
     *,
     handed_out: bool = True,
     progress: Progress | None = None,
+    note: Note | None = None,
 ) -> Report:
     """Check a generated C file against its champion.
 
@@ -202,6 +226,7 @@ def verify(
         settings: how much to check.
         handed_out: False if ``code`` was made for this check alone.
         progress: told of each episode.
+        note: told what is done before and after them.
 
     Raises:
         BitneatError: if the file cannot be compiled although nobody edited it, none of the targets runs it, or the
@@ -220,11 +245,47 @@ def verify(
     check = _Check(champion, code)
     check.text(compare=settings.compare_text)
     try:
-        return _run(check, report, spec, targets, settings=settings, progress=progress)
+        return _run(check, report, spec, targets, settings=settings, progress=progress, note=note or _ignore)
     except (CompilerError, CFileError) as error:
         if not check.failures:
             raise
         return replace(report, failures=(*check.failures, str(error)), warnings=tuple(check.warnings))
+
+
+def _ignore(text: str) -> None:
+    del text
+
+
+@dataclass
+class _Work:
+    """One target and style, and what came of it."""
+
+    ready: ReadyTarget
+    code: CFile
+    examination: Examination
+    lanes: list[Lane] = field(default_factory=list)
+    timing: Timing | None = None
+
+    @property
+    def where(self) -> str:
+        """For messages."""
+        name = self.ready.target.name
+        return name if len(self.ready.target.styles) == 1 else f"{name} ({self.code.style})"
+
+    def report(self) -> TargetReport:
+        """What is to be said of it."""
+        lanes = self.lanes
+        return TargetReport(
+            name=self.ready.target.name,
+            compiler=self.ready.toolchain.compiler.title,
+            style=self.code.style,
+            # name_run takes fewer vectors, as name_step calls it.
+            steps_compared=lanes[0].steps + lanes[0].vectors if lanes else None,
+            mismatches=sum(lane.mismatches for lane in lanes) if lanes else None,
+            examination=self.examination,
+            loop_steps=min((lane.steps for lane in lanes), default=None),
+            timing=self.timing,
+        )
 
 
 def _run(
@@ -235,28 +296,31 @@ def _run(
     *,
     settings: Settings,
     progress: Progress | None,
+    note: Note,
 ) -> Report:
-    """Examine every object, and run those that are fit to be loaded."""
+    """Examine every object, and run those that are fit to be run."""
     champion, code = check.champion, check.code
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder, ExitStack() as stack:
-        examined = [(ready, one, check.examine(ready, one)) for ready, one in check.pairs(targets, Path(folder))]
         work = []
-        for ready, one, examination in examined:
-            lanes: list[Lane] = []
-            work.append((ready, one, examination, lanes))
-            if examination.violations or not ready.target.runs:
+        for ready, one in check.pairs(targets, Path(folder)):
+            note(f"compiling for {ready.target.name}, style {one.style}")
+            work.append(_Work(ready, one, check.examine(ready, one)))
+        for item in work:
+            if item.examination.violations or not item.ready.runs or not check.fits(item):
                 continue
-            for implementation in ready.target.implementations(one, ready.toolchain):
+            brief = not item.ready.asked and not item.ready.target.loads_on_host
+            for implementation in item.ready.target.implementations(item.code, item.ready.toolchain):
                 stack.callback(implementation.close)
-                lanes.append(Lane(implementation))
-        all_lanes = [lane for *_, lanes in work for lane in lanes]
-        if not any(lanes for _, one, _, lanes in work if one is code):
+                inner = settings.vectors if not item.lanes else max(settings.vectors // 10, VECTORS)
+                item.lanes.append(Lane(implementation, max_vectors=inner, max_episodes=1 if brief else None))
+        all_lanes = [lane for item in work for lane in item.lanes]
+        if not any(item.lanes for item in work if item.code is code):
             # It would be no news that the rest of it works.
             return replace(
                 report,
                 failures=tuple(check.failures),
                 warnings=tuple(check.warnings),
-                targets=tuple(_target_report(ready, one, examination, ()) for ready, one, examination, _ in work),
+                targets=tuple(item.report() for item in work),
             )
         comparison = Comparison(champion.controller, champion.action, all_lanes)
         loop = closed_loop(
@@ -267,7 +331,11 @@ def _run(
             record=settings.record,
             progress=progress,
         )
-        comparison.vectors(*domain_vectors(champion.controller))
+        vectors, sequence = domain_vectors(champion.controller, settings.vectors)
+        comparison.vectors(vectors, sequence, lambda title: note(f"{len(vectors)} vectors on {title}"))
+        for item in work:
+            traced = vectors[: TRACED if item.ready.asked else BRIEF_TRACED]
+            check.trace(item, traced, min(sequence, len(traced)), note)
     first = [lane.first for lane in all_lanes if lane.first is not None]
     check.failures = [*(str(mismatch) for mismatch in first), *check.failures]
     return replace(
@@ -275,8 +343,9 @@ def _run(
         failures=tuple(check.failures),
         warnings=tuple(check.warnings),
         loop=loop,
-        targets=tuple(_target_report(*entry) for entry in work),
+        targets=tuple(item.report() for item in work),
         mismatch=first[0] if first else None,
+        vectors=len(vectors),
     )
 
 
@@ -324,7 +393,7 @@ def require_run(code: CFile, targets: Sequence[ReadyTarget]) -> None:
     Raises:
         BitneatError: if none of the targets runs it.
     """
-    if not any(ready.target.runs and code.style in ready.target.styles for ready in targets):
+    if not any(ready.runs and code.style in ready.target.styles for ready in targets):
         raise BitneatError(
             f"--targets: no target of these runs {code.path} (style {code.style}); add host-{code.style}"
         )
@@ -392,7 +461,7 @@ class _Check:
     def examine(self, ready: ReadyTarget, code: CFile) -> Examination:
         """Look at the object, before anything of it is run."""
         examination = examine(code, ready.toolchain)
-        if ready.target.runs:
+        if ready.target.loads_on_host:
             found = loading_violations(code, ready.toolchain.compiler, (*ready.toolchain.flags, *HOST_FLAGS))
             violations = dict.fromkeys((*examination.violations, *found))
             examination = replace(examination, violations=tuple(violations))
@@ -400,21 +469,45 @@ class _Check:
         self.failures += [f"{where}: {violation}" for violation in examination.violations]
         return examination
 
+    def fits(self, item: _Work) -> bool:
+        """Whether the chip's memory holds it.
 
-def _target_report(ready: ReadyTarget, code: CFile, examination: Examination, lanes: Sequence[Lane]) -> TargetReport:
-    return TargetReport(
-        name=ready.target.name,
-        compiler=ready.toolchain.compiler.title,
-        style=code.style,
-        steps_compared=min((lane.steps for lane in lanes), default=None),
-        mismatches=sum(lane.mismatches for lane in lanes) if lanes else None,
-        examination=examination,
-    )
+        Raises:
+            BitneatError: if it does not, and the target was asked for.
+        """
+        wrong = excess(item.ready.target, item.code, item.examination.flash, item.examination.ram, item.report().stack)
+        if wrong is None:
+            return True
+        if item.ready.asked:
+            raise BitneatError(
+                f"--targets {item.ready.target.name}: {item.code.path.name} (style {item.code.style}) {wrong}"
+            )
+        self.warnings.append(f"{item.where}: not run: {wrong}")
+        return False
+
+    def trace(self, item: _Work, vectors: npt.NDArray[np.int16], sequence: int, note: Note) -> None:
+        """Look at every instruction that is executed, where an emulator can."""
+        entries = {}
+        for lane in item.lanes:
+            emulated = lane.implementation
+            if not isinstance(emulated, EmulatedC) or lane.lost:
+                continue
+            note(f"{len(vectors)} vectors traced on {emulated.title}")
+            try:
+                trace = emulated.trace(vectors, sequence)
+            except ImplementationError as error:
+                self.failures.append(f"{emulated.title}: when it was traced, it {error}")
+                continue
+            entries[emulated.image.entry] = entry_timing(item.ready.target, emulated.image, trace)
+            self.failures += [f"{emulated.title}: {wrong}" for wrong in dependence(trace, vectors)]
+        if "step" in entries:
+            item.timing = Timing(entries, len(vectors))
+            self.fits(item)
 
 
-def domain_vectors(controller: Controller) -> tuple[npt.NDArray[np.int16], int]:
+def domain_vectors(controller: Controller, count: int = VECTORS) -> tuple[npt.NDArray[np.int16], int]:
     """The vectors besides the loop, and how many of them follow each other from reset."""
-    return random_vectors(controller, _VECTORS_SEED, VECTORS), SEQUENCE if controller.is_recurrent else VECTORS
+    return random_vectors(controller, _VECTORS_SEED, count), SEQUENCE if controller.is_recurrent else _AT_A_TIME
 
 
 def _first_differing_line(found: str, wanted: str) -> int:

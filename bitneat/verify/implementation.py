@@ -50,8 +50,17 @@ class Implementation(Protocol):
     def step(self, inputs: Int16Array) -> Int16Array:
         """One control step: (inputs,) signals to (outputs,) signals."""
 
+    def run(self, inputs: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
+        """Successive steps: (steps, inputs) to (steps, outputs)."""
+
     def decide(self, outputs: Int16Array) -> int | None:
         """The chosen action for given outputs; None if this code does not choose."""
+
+    def decisions(self, outputs: npt.NDArray[np.int16]) -> npt.NDArray[np.int32]:
+        """The chosen actions for many rows of outputs: (steps, outputs) to (steps, 1); only of code that chooses."""
+
+    def restart(self) -> None:
+        """Start afresh, after a crash."""
 
     def close(self) -> None:
         """Let go of processes and files."""
@@ -85,6 +94,7 @@ class HostC:
         title: str | None = None,
     ) -> None:
         self.title = title or f"{code.path.name} ({code.name}_{entry})"
+        self._code = code
         self.binary = shared_library([code.path], name=f"verify-{code.name}", flags=flags, compiler=compiler)
         self._interface = Interface(
             path=str(self.binary),
@@ -96,6 +106,9 @@ class HostC:
             num_state=code.num_state,
             has_decide=code.has_decide,
         )
+        self._start()
+
+    def _start(self) -> None:
         # Not the folder that the user happens to work in, whose files could pass for modules.
         package = str(Path(bitneat.__file__).resolve().parent.parent)
         paths = [package, os.environ.get("PYTHONPATH", "")]
@@ -114,7 +127,7 @@ class HostC:
         if greeting != READY:
             self.close()
             reason = greeting.decode(errors="replace").strip() or "the process that runs it ended at once"
-            raise CFileError(f"{code.path}: does not load: {reason}")
+            raise CFileError(f"{self._code.path}: does not load: {reason}")
 
     def __enter__(self) -> HostC:
         return self
@@ -147,6 +160,11 @@ class HostC:
         """The chosen actions for many rows of outputs: (steps, outputs) to (steps, 1)."""
         request = REQUEST.pack(DECISIONS, len(outputs)) + np.ascontiguousarray(outputs).tobytes()
         return np.frombuffer(self._ask(request, 4 * len(outputs)), dtype=np.int32).reshape(-1, 1)
+
+    def restart(self) -> None:
+        """In a process anew."""
+        self.close()
+        self._start()
 
     def close(self) -> None:
         """End the process."""

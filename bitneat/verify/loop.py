@@ -82,8 +82,14 @@ class Lane:
     """One implementation, and how it fared."""
 
     implementation: Implementation
+    max_vectors: int | None = None
+    """How many of the vectors it is given; all if None."""
+    max_episodes: int | None = None
+    """How many episodes it takes part in; all if None."""
     steps: int = 0
     """Steps of episodes that were compared."""
+    vectors: int = 0
+    """Vectors that were compared."""
     mismatches: int = 0
     first: Mismatch | None = None
     lost: bool = False
@@ -128,6 +134,10 @@ Progress = Callable[[int, int, Episode], None]
 """Called after each episode with how many are done, how many there will be, and the episode."""
 
 
+Note = Callable[[str], None]
+"""Called with a line about what is done next."""
+
+
 class Comparison:
     """The reference and everything that is compared with it, stepped together.
 
@@ -154,6 +164,8 @@ class Comparison:
         """One step everywhere; the reference's outputs."""
         outputs = np.array(self._reference.step(inputs.tolist()), dtype=np.int16)
         for lane in self._running():
+            if place.episode is not None and lane.max_episodes is not None and place.episode >= lane.max_episodes:
+                continue
             try:
                 self._compare(lane, inputs, outputs, place)
             except ImplementationError as error:
@@ -161,19 +173,82 @@ class Comparison:
                 self._note(lane, inputs, place, reason=str(error))
         return outputs
 
-    def vectors(self, vectors: npt.NDArray[np.int16], sequence: int) -> None:
-        """Input vectors from anywhere, (count, inputs), each ``sequence`` of them from reset."""
-        for index, inputs in enumerate(vectors):
-            if index % sequence == 0:
-                self.reset()
-            self.step(inputs, Place(index))
+    def vectors(self, vectors: npt.NDArray[np.int16], sequence: int, progress: Note | None = None) -> None:
+        """Input vectors from anywhere, (count, inputs), each ``sequence`` of them from reset.
+
+        Args:
+            vectors: the inputs.
+            sequence: steps from reset to reset.
+            progress: told what is run next.
+        """
+        outputs = self._answers(vectors, sequence)
+        for lane in self._running():
+            if progress is not None:
+                progress(lane.implementation.title)
+            count = len(vectors) if lane.max_vectors is None else lane.max_vectors
+            for start in range(0, min(count, len(vectors)), sequence):
+                stop = min(start + sequence, count)
+                if not self._compare_many(lane, vectors[start:stop], outputs[start:stop], start):
+                    break
+
+    def _answers(self, vectors: npt.NDArray[np.int16], sequence: int) -> npt.NDArray[np.int16]:
+        """What the reference answers."""
+        answers = []
+        for start in range(0, len(vectors), sequence):
+            self._reference.reset()
+            answers += self._reference.run(vectors[start : start + sequence].tolist())
+        return np.array(answers, dtype=np.int16).reshape(len(vectors), -1)
+
+    def _compare_many(
+        self, lane: Lane, vectors: npt.NDArray[np.int16], outputs: npt.NDArray[np.int16], start: int
+    ) -> bool:
+        """Successive steps from reset in one request; whether the code survived."""
+        implementation = lane.implementation
+        chooses = isinstance(self.action, DiscreteAction) and implementation.decide(outputs[0]) is not None
+        try:
+            implementation.reset()
+            answers = implementation.run(vectors)
+            choices = implementation.decisions(outputs)[:, 0] if chooses else None
+        except ImplementationError:
+            self._find_crash(lane, vectors, outputs, start)
+            return False
+        for step, index in np.argwhere(answers != outputs).tolist():
+            what = {"expected": int(outputs[step, index]), "got": int(answers[step, index])}
+            self._note(lane, vectors[step], Place(start + step), output=index, **what)
+        if choices is not None:
+            assert isinstance(self.action, DiscreteAction)
+            for step, (row, got) in enumerate(zip(outputs, choices.tolist(), strict=True)):
+                expected = self.action.decode(row, self.controller.frac_bits)
+                if got != expected:
+                    place = Place(start + step)
+                    self._note(lane, vectors[step], place, output="decide", expected=expected, got=got)
+        lane.vectors += len(vectors)
+        return True
+
+    def _find_crash(
+        self, lane: Lane, vectors: npt.NDArray[np.int16], outputs: npt.NDArray[np.int16], start: int
+    ) -> None:
+        """Take the steps again, one by one, to see which it was."""
+        lane.lost = True
+        lane.implementation.restart()
+        step, reason = 0, "crashed, but not again when the steps were repeated one by one"
+        try:
+            lane.implementation.reset()
+            for step, (inputs, expected) in enumerate(zip(vectors, outputs, strict=True)):
+                self._compare(lane, inputs, expected, Place(start + step))
+        except ImplementationError as error:
+            reason = str(error)
+        self._note(lane, vectors[step], Place(start + step), reason=reason)
 
     def _running(self) -> list[Lane]:
         return [lane for lane in self.lanes if not lane.lost]
 
     def _compare(self, lane: Lane, inputs: Int16Array, outputs: Int16Array, place: Place) -> None:
         answer = lane.implementation.step(inputs)
-        lane.steps += place.episode is not None
+        if place.episode is None:
+            lane.vectors += 1
+        else:
+            lane.steps += 1
         for index in np.flatnonzero(answer != outputs).tolist():
             self._note(lane, inputs, place, output=index, expected=int(outputs[index]), got=int(answer[index]))
         if isinstance(self.action, DiscreteAction):

@@ -12,23 +12,21 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
-import capstone
 from elftools.elf.constants import SH_FLAGS
 from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import Section, SymbolTableSection
 
 from bitneat.codegen import Style
-from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object
 from bitneat.native.compiler import Compiler
 from bitneat.native.elf import measure
 from bitneat.verify.cfile import CFile
+from bitneat.verify.instructions import InstructionSet
+from bitneat.verify.wasm import MAGIC, WasmObject, read_wasm
+from bitneat.verify.wasm import violations as wasm_violations
 
 _SELF_STARTING = re.compile(r"\.(preinit|init|fini|ctors|dtors|deplibs|linker-options)\b")
-
-InstructionSet = Literal["thumb"]
 
 # As firmware is compiled: what a hosted system's compiler adds of its own accord would be found and blamed on the code.
 OBJECT_FLAGS = (
@@ -39,11 +37,6 @@ OBJECT_FLAGS = (
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
 )
-
-# What ARMv6-M, or any Thumb, has of multiplication and division, by the start of the mnemonic.
-_MULTIPLIES = ("mul", "mla", "mls", "smul", "smla", "smml", "smu", "umul", "umla", "umaal", "sdiv", "udiv")
-_THUMB_CONDITIONS = ("eq", "ne", "hs", "cs", "lo", "cc", "mi", "pl", "vs", "vc", "hi", "ls", "ge", "lt", "gt", "le")
-_THUMB_BRANCHES = frozenset({"cbz", "cbnz", "tbb", "tbh", *(f"b{condition}" for condition in _THUMB_CONDITIONS)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +78,15 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         folder = Path(name)
         out = folder / "code.o"
         flags = [*toolchain.flags, *OBJECT_FLAGS]
-        if toolchain.compiler.family == "gcc":
+        if _writes_call_graphs(toolchain.compiler):
             flags.append("-fcallgraph-info=su")
         compile_object(code.path, toolchain.compiler, flags, out)
+        if out.read_bytes().startswith(MAGIC):
+            return _examine_wasm(code, read_wasm(out.read_bytes()))
         static = _static_data(out)
         violations = _foreign_parts(out)
-        if toolchain.instructions == "thumb":
-            violations += _thumb_violations(out, code.style)
+        if toolchain.instructions is not None:
+            violations += instruction_violations(out, code.style, toolchain.instructions)
         flash = measure(out).flash
         graphs = list(folder.glob("*.ci"))
         stack = stack_depth(graphs[0].read_text(errors="replace"), f"{code.name}_step") if graphs else None
@@ -101,6 +96,22 @@ def examine(code: CFile, toolchain: Toolchain) -> Examination:
         stack=stack,
         violations=tuple(violations),
     )
+
+
+def _examine_wasm(code: CFile, wasm: WasmObject) -> Examination:
+    violations = wasm_violations(wasm, straight=code.style == "unrolled")
+    return Examination(
+        flash=wasm.code_bytes + sum(size for _, size in wasm.segments),
+        ram=2 * (code.num_state or 0),
+        stack=None,
+        violations=tuple(violations),
+    )
+
+
+def _writes_call_graphs(compiler: Compiler) -> bool:
+    """Whether it does; gcc has since version 10, and Debian's for AVR is older."""
+    version = re.search(r"\) (\d+)\.", compiler.title)
+    return compiler.family == "gcc" and (version is None or int(version[1]) >= 10)
 
 
 def loading_violations(code: CFile, compiler: Compiler, flags: Sequence[str]) -> list[str]:
@@ -173,46 +184,40 @@ def _undefined_symbols(path: Path) -> list[str]:
         )
 
 
-def _thumb_violations(path: Path, style: Style) -> Iterator[str]:
-    """Multiplications and divisions, and in the unrolled style conditional branches."""
+def instruction_violations(path: Path, style: Style, instructions: InstructionSet) -> Iterator[str]:
+    """Multiplications and divisions, and in the unrolled style conditional branches, in the code of an ELF file.
+
+    Raises:
+        BitneatError: if a part of the code cannot be read.
+    """
     with path.open("rb") as file:
         elf = ELFFile(file)
         for index, section in enumerate(elf.iter_sections()):
             if section["sh_flags"] & SH_FLAGS.SHF_EXECINSTR and section["sh_size"]:
-                for address, mnemonic, operands in _thumb_instructions(section, _code_ranges(elf, index, section)):
-                    plain = mnemonic.removesuffix(".w").removesuffix(".n")
-                    if plain.startswith(_MULTIPLIES):
-                        what = "a multiplication or division"
-                    elif style == "unrolled" and plain in _THUMB_BRANCHES:
-                        what = "a conditional branch"
-                    else:
-                        continue
-                    yield f"{section.name}+{address:#x}: {mnemonic} {operands} is {what}"
+                for start, end in _code_ranges(elf, index, section, instructions.code_mark):
+                    code = instructions.decode_all(section.data()[start:end], start, section.name)
+                    branches = instructions.conditional_branches(code) if style == "unrolled" else []
+                    for found, what in (
+                        (filter(instructions.is_multiplication, code), "a multiplication or division"),
+                        (branches, "a conditional branch"),
+                    ):
+                        for one in found:
+                            yield f"{section.name}+{one.address:#x}: {one.mnemonic} {one.operands} is {what}"
 
 
-def _code_ranges(elf: ELFFile, index: int, section: Section) -> list[tuple[int, int]]:
+def _code_ranges(elf: ELFFile, index: int, section: Section, code_mark: str | None) -> list[tuple[int, int]]:
     """Where code lies between the constants of a section, by ARM's mapping symbols $t (Thumb) and $d (data)."""
+    if code_mark is None:
+        return [(0, int(section["sh_size"]))]
     marks = sorted(
         (int(symbol["st_value"]), symbol.name[:2])
         for table in elf.iter_sections()
         if isinstance(table, SymbolTableSection)
         for symbol in table.iter_symbols()
-        if symbol["st_shndx"] == index and symbol.name[:2] in ("$t", "$d")
+        if symbol["st_shndx"] == index and symbol.name[:2] in (code_mark, "$d")
     )
     ends = [start for start, _ in marks[1:]] + [int(section["sh_size"])]
-    return [(start, end) for (start, kind), end in zip(marks, ends, strict=True) if kind == "$t"]
-
-
-def _thumb_instructions(section: Section, ranges: list[tuple[int, int]]) -> Iterator[tuple[int, str, str]]:
-    decoder = capstone.Cs(capstone.CS_ARCH_ARM, capstone.CS_MODE_THUMB | capstone.CS_MODE_MCLASS)
-    data = section.data()
-    for start, end in ranges:
-        reached = start
-        for address, size, mnemonic, operands in decoder.disasm_lite(data[start:end], start):
-            yield address, mnemonic, operands
-            reached = address + size
-        if reached != end:
-            raise BitneatError(f"{section.name}+{reached:#x}: cannot disassemble the compiled code")
+    return [(start, end) for (start, kind), end in zip(marks, ends, strict=True) if kind == code_mark]
 
 
 _GRAPH_NODE = re.compile(r'^node: \{ title: "([^"]*)" label: "[^"]*?(?:\\n(\d+) bytes \((\w+)[^"]*)?"', re.MULTILINE)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+import pytest
+
+from bitneat.verify.instructions import AVR, I386, POWERPC, RISCV, THUMB, X86_64, InstructionSet
+
+EVERY = (THUMB, RISCV, X86_64, I386, POWERPC, AVR)
+
+# Encodings from the processors' manuals.
+CASES = [
+    (THUMB, "4843", "d1d1", "c046"),  # muls r0, r1; bne; nop
+    (RISCV, "3305b502", "63060500", "13000000"),  # mul a0, a0, a1; beqz a0; nop
+    (RISCV, "3345b502", "11c1", "0100"),  # div; c.beqz; c.nop
+    (X86_64, "0fafc1", "7502", "90"),  # imul eax, ecx; jne; nop
+    (I386, "f7f9", "7402", "90"),  # idiv ecx; je; nop
+    (POWERPC, "7c6321d6", "41820008", "60000000"),  # mullw; beq; nop
+    (AVR, "029f", "09f4", "0000"),  # mul r16, r18; brne; nop
+    (AVR, "0202", "10fd", "0000"),  # muls r16, r18; sbrc; nop
+]
+
+
+@pytest.mark.parametrize(("instructions", "product", "branch", "nop"), CASES)
+def test_multiplications_and_conditional_branches_are_told_from_the_rest(
+    instructions: InstructionSet, product: str, branch: str, nop: str
+) -> None:
+    code = instructions.decode_all(bytes.fromhex(product + branch + nop), 0, "text")
+    assert [instructions.is_multiplication(one) for one in code] == [True, False, False]
+    assert instructions.conditional_branches(code) == [code[1]]
+
+
+@pytest.mark.parametrize("instructions", EVERY)
+def test_what_does_nothing_is_one_instruction_or_several(instructions: InstructionSet) -> None:
+    for nop in instructions.nops:
+        nothing = instructions.nothing(2 * len(nop))
+        assert nothing is not None
+        assert len(nothing) == 2 * len(nop)
+        assert sum(one.size for one in instructions.decode_all(nothing, 0, "text")) == 2 * len(nop)
+
+
+@pytest.mark.parametrize(
+    ("code", "branches"),
+    [
+        ("34e0b695a79597958795 3a95d1f7", 0),  # ldi r19, 4; lsr, ror, ror, ror; dec r19; brne
+        ("24e0b695a79597958795 3a95d1f7", 1),  # the constant is in another register
+        ("342fb695a79597958795 3a95d1f7", 1),  # the count comes from a register
+        ("34e0b695a79597958795 3a95d9f3", 1),  # the branch is on another flag
+    ],
+)
+def test_on_avr_a_shift_by_a_constant_is_no_conditional_branch(code: str, branches: int) -> None:
+    found = AVR.conditional_branches(AVR.decode_all(bytes.fromhex(code), 0, "text"))
+    assert len(found) == branches
