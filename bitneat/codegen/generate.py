@@ -47,7 +47,7 @@ class GeneratedC:
     encoding: str | None
     """The blob's encoding in the table style."""
     table_bytes: int
-    """Bytes of the packed weight table (unrolled) or of the blob (table)."""
+    """Bytes of the packed weight table (unrolled) or of the blob's body (table)."""
 
 
 def generate(
@@ -116,7 +116,7 @@ def _table(interface: Interface, header_name: str, encoding: str) -> GeneratedC:
     table = table_view(interface, blob)
     source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
     header = environment().get_template("header.h.j2").render(v=interface, num_state=table.num_state, table=table)
-    return GeneratedC(interface.name, "table", header_name, header, source, encoding, len(blob.data))
+    return GeneratedC(interface.name, "table", header_name, header, source, encoding, table.num_bytes)
 
 
 def _smallest(candidates: list[GeneratedC]) -> GeneratedC:

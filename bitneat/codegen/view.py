@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, specialized_view, with_mask
+from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, fits_unsigned, specialized_view, with_mask
 from bitneat.codegen.kernels import Kernel, kernel
 from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
 from bitneat.controller.interval import NodeIntervals, intervals
@@ -358,7 +358,7 @@ def _wrapped(value: int) -> str:
 class TableView:
     """What surrounds the interpreter in the table style."""
 
-    blob: tuple[str, ...]
+    body: tuple[str, ...]
     num_bytes: int
     encoding: str
     interpreter: InterpreterView
@@ -378,7 +378,8 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
     """Lay out a step around the interpreter of one blob."""
     controller = interface.controller
     layout = Layout(controller)
-    view = specialized_view(controller, blob, interface.name)
+    narrow = not (interface.guard or interface.decision_helpers) and fits_unsigned(controller, blob.encoding)
+    view = specialized_view(controller, blob, interface.name, "unsigned" if narrow else "uint32_t")
     presets = []
     if layout.has_ternary_bias:
         presets.append(Load(f"signals[{layout.one_slot}]", f"{controller.one}"))
@@ -389,8 +390,8 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
     if interface.guard:
         helpers |= {"clip", "signal"}
     return TableView(
-        blob=tuple(byte_lines(blob.data)),
-        num_bytes=len(blob.data),
+        body=tuple(byte_lines(blob.data[blob.body_offset :])),
+        num_bytes=len(blob.data) - blob.body_offset,
         encoding=blob.encoding,
         interpreter=view,
         num_signals=layout.workspace_length,
