@@ -146,7 +146,9 @@ class InterpreterView:
                 names.add(self.clip)
             if not self.general:
                 names.add("opaque")
-        if self.varying_gain or self.fixed_gain < 0:
+        if self.gain_from is not None:
+            names.add("floor_shift_by_sign")
+        elif self.varying_gain or self.fixed_gain < 0:
             names.add("floor_shift")
         return with_mask(names)
 
@@ -159,7 +161,7 @@ def with_mask(helpers: Iterable[str]) -> frozenset[str]:
     return names | {"mask"} if names & _MASKING else names
 
 
-_MASKING = frozenset({"min", "max", "copysign", "clip_raised", "clip_wide", "floor_shift"})
+_MASKING = frozenset({"min", "max", "copysign", "clip_raised", "clip_wide", "floor_shift_by_sign"})
 
 
 def general_view() -> InterpreterView:
@@ -290,9 +292,7 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str, word: Word
         clip=clip,
         single_activation=single,
         activation=f"fields & {activation_mask}U",
-        cases=tuple(
-            Case(code, _call(prefix, name, clip, controller.one)) for code, name in enumerate(activations)
-        )
+        cases=tuple(Case(code, _call(prefix, name, clip, controller.one)) for code, name in enumerate(activations))
         if single is None
         else (),
         kernels=tuple(
@@ -321,7 +321,11 @@ def fits_unsigned(controller: Controller, encoding: str) -> bool:
         largest = WORD_SIGNAL_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped
         if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
             return False
-    return len({node.gain for node in controller.nodes}) < 2 or layout.min_gain >= 0 or _can_shift_up(controller, "unsigned")
+    return (
+        len({node.gain for node in controller.nodes}) < 2
+        or layout.min_gain >= 0
+        or _can_shift_up(controller, "unsigned")
+    )
 
 
 def _can_shift_up(controller: Controller, word: Word) -> bool:

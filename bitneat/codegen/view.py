@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bitneat.codegen.interpreter import NARROW_CLIP_MAX, WORD_SIGNAL_MAX, WORD_SUM_MAX, InterpreterView, Word, fits_unsigned, specialized_view, with_mask
+from bitneat.codegen.interpreter import (
+    NARROW_CLIP_MAX,
+    WORD_SIGNAL_MAX,
+    WORD_SUM_MAX,
+    InterpreterView,
+    Word,
+    fits_unsigned,
+    specialized_view,
+    with_mask,
+)
 from bitneat.codegen.kernels import Kernel, kernel
 from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
 from bitneat.controller.interval import NodeIntervals, intervals
@@ -285,7 +294,8 @@ class _Unroller:
         first_node = len(self.controller.inputs)
         if index >= first_node:
             return f"n{index - first_node}"
-        # Small chips do best to read an input where it is used: they could not keep all of them in registers.
+        # Small chips do best to read an input where it is used: they could not keep all of them in registers, and what is
+        # spilled must be written before it is read.
         return f"x{index}" if self.interface.guard else f"({self.word})observation[{index}]"
 
     def loads(self) -> tuple[Load, ...]:
@@ -306,7 +316,7 @@ class _Unroller:
 
     def guarded(self, source: str, entry: Input) -> str:
         if not self.interface.guard:
-            return f"{source}"
+            return f"({self.word}){source}"
         return f"{self.prefix}_clip((uint32_t)(int32_t){source}, {entry.limit}U)"
 
     def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
