@@ -125,7 +125,9 @@ def instructions(source: Path, controller: Controller, flags: Sequence[str], fun
         where = data + (0x1000 if function.endswith("step") else last)
         found = list(struct.unpack(f"<{num_outputs}h", machine.mem_read(where, 2 * num_outputs)))
         if found != Reference(controller).step(inputs):
-            raise SystemExit(f"netb: {function} {' '.join(flags)} gives {found} for {inputs}, not what the reference gives")
+            raise SystemExit(
+                f"netb: {function} {' '.join(flags)} gives {found} for {inputs}, not what the reference gives"
+            )
         counts.add(len(seen))
         lowest = min(lowest, *seen)
     if len(counts) != 1:
@@ -180,7 +182,9 @@ def avr_cycles(source: Path, controller: Controller, *flags: str) -> int:
     start = text.index("A")
     while text[start + 5] != "B":
         start = text.index("A", start + 1)
-    empty, full = (sum((ord(c) - 97) << 4 * (3 - i) for i, c in enumerate(text[at + 1 : at + 5])) for at in (start, start + 5))
+    empty, full = (
+        sum((ord(c) - 97) << 4 * (3 - i) for i, c in enumerate(text[at + 1 : at + 5])) for at in (start, start + 5)
+    )
     return full - empty
 
 

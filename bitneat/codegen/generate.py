@@ -17,7 +17,7 @@ from bitneat.codegen.templating import environment
 from bitneat.codegen.view import Interface, table_view, unrolled_view
 from bitneat.controller import Action, BoxAction, Constant, Controller, Reference
 from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack_blob
-from bitneat.controller.passes import optimize
+from bitneat.controller.passes import optimize, order_depth_first
 from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object
 from bitneat.native.compiler import Compiler, CompilerError, zig_compiler
@@ -105,7 +105,7 @@ def generate(
 
 
 def _unrolled(interface: Interface, header_name: str) -> GeneratedC:
-    view = unrolled_view(interface, optimize(interface.controller))
+    view = unrolled_view(interface, order_depth_first(optimize(interface.controller)))
     source = environment().get_template("unrolled.c.j2").render(v=interface, u=view, header=header_name)
     header = environment().get_template("header.h.j2").render(v=interface, num_state=view.num_state, table=None)
     return GeneratedC(interface.name, "unrolled", header_name, header, source, None, view.num_weight_bytes)

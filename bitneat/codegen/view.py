@@ -322,7 +322,8 @@ class _Unroller:
     def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
         sum_name = f"sum{index}"
         shifted = self.shifted_sources(node)
-        terms = tuple(self.term(link, shifted) for link in node.links)
+        # What is added goes first: a sum that starts with a subtraction costs a negation.
+        terms = tuple(self.term(link, shifted) for link in sorted(node.links, key=lambda link: -link.sign))
         return UnrolledNode(
             name=f"n{index}",
             comment=self.describe(node),
@@ -400,7 +401,7 @@ class _Unroller:
         """The node as a formula, for a comment."""
         terms = [
             ("-" if link.sign < 0 else "+") + f" {self.name(link)}" + (f" * 2^{link.shift}" if link.shift else "")
-            for link in node.links
+            for link in sorted(node.links, key=lambda link: -link.sign)
         ]
         if node.bias:
             terms.append(("-" if node.bias < 0 else "+") + f" {abs(node.bias)}")
