@@ -395,8 +395,12 @@ class TestOptimize:
 
 
 def test_nodes_are_ordered_depth_first_from_the_outputs() -> None:
-    original = build([sums(Link(0)), sums(Link(1)), sums(Link(0), Link(1)), squash(Link(2), Link(4)), squash(Link(3))], 6, 5)
-    expected = build([sums(Link(1)), squash(Link(2)), sums(Link(0)), sums(Link(0), Link(1)), squash(Link(4), Link(5))], 3, 6)
+    original = build(
+        [sums(Link(0)), sums(Link(1)), sums(Link(0), Link(1)), squash(Link(2), Link(4)), squash(Link(3))], 6, 5
+    )
+    expected = build(
+        [sums(Link(1)), squash(Link(2)), sums(Link(0)), sums(Link(0), Link(1)), squash(Link(4), Link(5))], 3, 6
+    )
     assert_rewrites(order_depth_first, original, expected)
 
 
