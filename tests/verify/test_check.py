@@ -44,7 +44,9 @@ def states(whose: Champion, folder: Path) -> list[int]:
 def test_the_first_difference_is_named_and_all_are_counted(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
-    code.path.write_text(code.source.replace("action[0] = (int16_t)n0;", "action[0] = (int16_t)(n0 ^ 1);"))
+    code.path.write_text(
+        code.source.replace("action[0] = legs_signal(n0);", "action[0] = (int16_t)(legs_signal(n0) ^ 1);")
+    )
     report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), Settings(seed=7, episodes=1, max_steps=30))
     assert not report.passed
     mismatch = report.mismatch
@@ -72,8 +74,8 @@ def test_a_wrong_decision_is_a_failure(tmp_path: Path) -> None:
 def test_a_difference_that_the_loop_does_not_reach_is_found_on_vectors(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
-    text = "action[0] = (int16_t)(n0 + (x0 + x1 + x2 > 2500));"
-    code.path.write_text(code.source.replace("action[0] = (int16_t)n0;", text))
+    text = "action[0] = (int16_t)(legs_signal(n0) + (observation[0] + observation[1] + observation[2] > 2500));"
+    code.path.write_text(code.source.replace("action[0] = legs_signal(n0);", text))
     report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), SHORT)
     assert report.mismatch is not None
     assert report.mismatch.place.episode is None
