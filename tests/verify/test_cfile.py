@@ -29,7 +29,7 @@ def test_a_plain_file_has_no_state_and_no_workspace(tmp_path: Path) -> None:
     code = written(plain_champion(), tmp_path)
     assert (code.num_signals, code.num_state, code.has_decide, code.guard) == (None, None, False, False)
     assert code.table is not None
-    assert code.table[0] == bytes([0b01_10_01])
+    assert code.table[0] == bytes([0b10_01_01])
 
 
 @pytest.mark.parametrize("style", ["unrolled", "table"])
