@@ -17,7 +17,7 @@ from bitneat.codegen.templating import environment
 from bitneat.codegen.view import Interface, table_view, unrolled_view
 from bitneat.controller import Action, BoxAction, Constant, Controller, Reference
 from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack_blob
-from bitneat.controller.passes import optimize
+from bitneat.controller.passes import optimize, order_depth_first
 from bitneat.errors import BitneatError
 from bitneat.native.build import compile_object
 from bitneat.native.compiler import Compiler, CompilerError, zig_compiler
@@ -47,7 +47,7 @@ class GeneratedC:
     encoding: str | None
     """The blob's encoding in the table style."""
     table_bytes: int
-    """Bytes of the packed weight table (unrolled) or of the blob (table)."""
+    """Bytes of the packed weight table (unrolled) or of the blob's body (table)."""
 
 
 def generate(
@@ -105,7 +105,7 @@ def generate(
 
 
 def _unrolled(interface: Interface, header_name: str) -> GeneratedC:
-    view = unrolled_view(interface, optimize(interface.controller))
+    view = unrolled_view(interface, order_depth_first(optimize(interface.controller)))
     source = environment().get_template("unrolled.c.j2").render(v=interface, u=view, header=header_name)
     header = environment().get_template("header.h.j2").render(v=interface, num_state=view.num_state, table=None)
     return GeneratedC(interface.name, "unrolled", header_name, header, source, None, view.num_weight_bytes)
@@ -116,7 +116,7 @@ def _table(interface: Interface, header_name: str, encoding: str) -> GeneratedC:
     table = table_view(interface, blob)
     source = environment().get_template("table.c.j2").render(v=interface, table=table, header=header_name)
     header = environment().get_template("header.h.j2").render(v=interface, num_state=table.num_state, table=table)
-    return GeneratedC(interface.name, "table", header_name, header, source, encoding, len(blob.data))
+    return GeneratedC(interface.name, "table", header_name, header, source, encoding, table.num_bytes)
 
 
 def _smallest(candidates: list[GeneratedC]) -> GeneratedC:

@@ -10,14 +10,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 from bitneat.codegen.kernels import Kernel, kernel
 from bitneat.controller.activation import ACTIVATION_CODES, ACTIVATION_NAMES
-from bitneat.controller.ir import SIGNAL_MAX, Controller
+from bitneat.controller.interval import intervals
+from bitneat.controller.ir import ACCUMULATOR_MAX, SIGNAL_MAX, Controller
 from bitneat.controller.packing import ENCODINGS, Blob, Layout
 
 NARROW_CLIP_MAX = 2**31 - 1 - SIGNAL_MAX
-"""Up to this magnitude the difference of a sum and the largest signal stays within 32 bits."""
+"""Up to this magnitude a sum and the largest signal together stay within 32 bits."""
+
+WORD_SUM_MAX = 2**15 - 1
+"""The largest magnitude of a sum, and of a sum and a limit together, where the word is an ``unsigned`` of 16 bits."""
+WORD_SIGNAL_MAX = 2**14 - 1
+"""The largest magnitude of a signal that is made of such a word: moved to positive values it still fits an ``int``."""
+
+Word = Literal["uint32_t", "unsigned"]
+"""The C type of sums: ``unsigned`` where 16 bits are enough, so that each chip takes the width that suits it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +84,40 @@ class InterpreterView:
     activation: str
     cases: tuple[Case, ...]
     kernels: tuple[Kernel, ...]
+    word: Word = "uint32_t"
+    start: str = "0"
+    """What a sum starts from where there are no general biases."""
+    response: str | None = None
+    """The whole of gain, saturation and activation as one expression, or None: then it is a function."""
+    saturates: bool = True
+    """Whether a sum can be beyond the largest signal, so that it must be clipped before a choice of activations."""
+    gain_from: int | None = None
+    """The first bit of the gain field where each sum is shifted up by that field and down by ``gain_offset``; else None."""
+    gain_offset: int = 0
+
+    @property
+    def macro(self) -> str:
+        """The prefix of macros."""
+        return self.prefix.upper()
+
+    @property
+    def next_byte(self) -> str:
+        """The byte at ``next``, which moves on."""
+        return "bn_byte(next++)" if self.general else f"{self.prefix}_next(&next)"
+
+    @property
+    def has_small_records(self) -> bool:
+        """Whether the links are records of one byte, without shifts and general biases: the usual case, printed shortest."""
+        return (
+            not self.general
+            and self.encodings == ("bytes",)
+            and not (self.has_shifts or self.has_general_bias or self.more_record_bytes)
+        )
+
+    @property
+    def reads_whole_bytes(self) -> bool:
+        """Whether anything is read byte by byte."""
+        return bool({"bytes", "trits"} & set(self.encodings))
 
     @property
     def bytes_use_cursor(self) -> bool:
@@ -95,20 +139,29 @@ class InterpreterView:
     def helpers(self) -> frozenset[str]:
         """The arithmetic functions that are called."""
         names = {"signal"}.union(*(k.helpers for k in self.kernels))
-        names.add(self.clip)
-        if self.single_activation and f"{self.prefix}_clip(" in self.single_activation:
-            names.add("clip")
-        if self.varying_gain or self.fixed_gain < 0:
+        texts = [self.response or self.single_activation or "", *(case.call for case in self.cases)]
+        names |= {name for name in ("clip", "clip_raised", "clip_wide") if any(f"_{name}(" in text for text in texts)}
+        if self.single_activation is None and self.response is None:
+            if self.saturates:
+                names.add(self.clip)
+            if not self.general:
+                names.add("opaque")
+        if self.gain_from is not None:
+            names.add("floor_shift_by_sign")
+        elif self.varying_gain or self.fixed_gain < 0:
             names.add("floor_shift")
-        if not self.general and self.single_activation is None:
-            names.add("opaque")
         return with_mask(names)
 
 
 def with_mask(helpers: Iterable[str]) -> frozenset[str]:
     """The arithmetic functions in use, and the mask that most of them call."""
     names = frozenset(helpers)
-    return names | {"mask"} if names & {"min", "max", "copysign", "clip", "clip_wide"} else names
+    if "clip" in names:
+        names |= {"clip_raised"}
+    return names | {"mask"} if names & _MASKING else names
+
+
+_MASKING = frozenset({"min", "max", "copysign", "clip_raised", "clip_wide", "floor_shift_by_sign"})
 
 
 def general_view() -> InterpreterView:
@@ -181,8 +234,15 @@ def small_view() -> InterpreterView:
     )
 
 
-def specialized_view(controller: Controller, blob: Blob, prefix: str) -> InterpreterView:
-    """The interpreter that can run just the blob of this canonical controller."""
+def specialized_view(controller: Controller, blob: Blob, prefix: str, word: Word = "uint32_t") -> InterpreterView:
+    """The interpreter that can run just the body of the blob of this canonical controller.
+
+    Args:
+        controller: canonical.
+        blob: its blob.
+        prefix: what every name starts with.
+        word: the type of sums; ``unsigned`` only if `fits_unsigned` says so.
+    """
     layout = Layout(controller)
     activations = layout.activations
     record_bits = 8 * layout.record_bytes
@@ -191,18 +251,26 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str) -> Interpr
     activation_mask = (1 << layout.activation_bits) - 1
     field_bits = layout.activation_bits + layout.gain_bits
     all_field_bits = (field_bits + layout.bias_width) * layout.num_nodes
+    single = _single(prefix, activations[0], clip, controller.one) if len(activations) == 1 else None
+    response, start = None, "0"
+    if activations == ("clamped",) and gains == {0} and clip == "clip" and not layout.has_general_bias:
+        # The clip starts by adding the limit, which a sum can as well start from.
+        start, response = f"{controller.one}U", f"{prefix}_clip_raised(sum, {controller.one}U)"
+    elif single is not None and gains == {0}:
+        response = single
+    has_step_gain = len(gains) > 1 and layout.min_gain < 0 and _can_shift_up(controller, word)
     return InterpreterView(
         prefix=prefix,
         general=False,
         encodings=(blob.encoding,) if controller.nodes else (),
         first_node=str(layout.first_node),
         num_slots=str(layout.num_slots),
-        body=f"{prefix}_blob + {blob.body_offset}",
-        trits_body=f"{prefix}_blob + {blob.body_offset + -(-all_field_bits // 8)}",
+        body=f"{prefix}_body",
+        trits_body=f"{prefix}_body + {-(-all_field_bits // 8)}",
         has_shifts=layout.has_shifts,
         has_fields=field_bits > 0,
         field_bits=f"{field_bits}",
-        fields_byte=f"{prefix}_byte(next++)",
+        fields_byte=f"{prefix}_next(&next)",
         has_general_bias=layout.has_general_bias,
         bias_width=f"{layout.bias_width}",
         bias_sign=f"UINT32_C({1 << layout.bias_width >> 1})",
@@ -222,18 +290,64 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str) -> Interpr
         if layout.min_gain < 0
         else f"(int)(fields >> {layout.activation_bits}) + {layout.min_gain}",
         clip=clip,
-        single_activation=_single(prefix, activations[0], clip, controller.one) if len(activations) == 1 else None,
+        single_activation=single,
         activation=f"fields & {activation_mask}U",
-        cases=tuple(
-            Case(code, "sum" if name == "identity" else f"{prefix}_act_{name}(sum)")
-            for code, name in enumerate(activations)
-        ),
+        cases=tuple(Case(code, _call(prefix, name, clip, controller.one)) for code, name in enumerate(activations))
+        if single is None
+        else (),
         kernels=tuple(
-            kernel(name, prefix, controller.frac_bits)
-            for name in activations
-            if name != "identity" and not (name == "clamped" and len(activations) == 1)
+            kernel(name, prefix, controller.frac_bits) for name in activations if name not in ("identity", "clamped")
         ),
+        word=word,
+        start=start,
+        response=response,
+        saturates=_saturates(controller, clip),
+        gain_from=layout.activation_bits if has_step_gain else None,
+        gain_offset=-layout.min_gain,
     )
+
+
+def fits_unsigned(controller: Controller, encoding: str) -> bool:
+    """Whether the interpreter's sums may be of type ``unsigned``, even where that has 16 bits.
+
+    Only activations that need no constants beyond One are printed that way, and only the encoding that reads no bits: the
+    others would gain little on the small chips whose int is that narrow.
+    """
+    layout = Layout(controller)
+    if encoding != "bytes" or layout.has_general_bias or set(layout.activations) - {"identity", "clamped"}:
+        return False
+    clamped = controller.one
+    for node, bounds in zip(controller.nodes, intervals(controller).nodes, strict=True):
+        largest = WORD_SIGNAL_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped
+        if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
+            return False
+    return (
+        len({node.gain for node in controller.nodes}) < 2
+        or layout.min_gain >= 0
+        or _can_shift_up(controller, "unsigned")
+    )
+
+
+def _can_shift_up(controller: Controller, word: Word) -> bool:
+    """Whether every sum can be shifted by its gain above the lowest of all, and stays within the word."""
+    low, high = min(node.gain for node in controller.nodes), max(node.gain for node in controller.nodes)
+    largest = max(bounds.accumulator.magnitude for bounds in intervals(controller).nodes)
+    return largest << (high - low) <= (WORD_SUM_MAX if word == "unsigned" else ACCUMULATOR_MAX)
+
+
+def _saturates(controller: Controller, clip: str) -> bool:
+    """Whether some sum has to be clipped to a signal before its activation; a clamp does that itself, if it can take the sum."""
+    return clip == "clip_wide" or any(
+        bounds.scaled.magnitude > SIGNAL_MAX
+        for node, bounds in zip(controller.nodes, intervals(controller).nodes, strict=True)
+        if node.activation != "clamped"
+    )
+
+
+def _call(prefix: str, activation: str, clip: str, one: int) -> str:
+    if activation == "clamped":
+        return f"{prefix}_{clip}(sum, {one}U)"
+    return "sum" if activation == "identity" else f"{prefix}_act_{activation}(sum)"
 
 
 def _single(prefix: str, activation: str, clip: str, one: int) -> str:

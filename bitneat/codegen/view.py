@@ -7,7 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bitneat.codegen.interpreter import NARROW_CLIP_MAX, InterpreterView, specialized_view, with_mask
+from bitneat.codegen.interpreter import (
+    NARROW_CLIP_MAX,
+    WORD_SIGNAL_MAX,
+    WORD_SUM_MAX,
+    InterpreterView,
+    Word,
+    fits_unsigned,
+    specialized_view,
+    with_mask,
+)
 from bitneat.codegen.kernels import Kernel, kernel
 from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
 from bitneat.controller.interval import NodeIntervals, intervals
@@ -180,6 +189,7 @@ class UnrolledView:
     num_weight_bytes: int
     loads: tuple[Load, ...]
     reads_observation: bool
+    reads_state: bool
     nodes: tuple[UnrolledNode, ...]
     num_state: int
     """Remembered signals; at least 1 where there is a state, even if the passes left nothing to remember."""
@@ -187,6 +197,7 @@ class UnrolledView:
     outputs: tuple[Load, ...]
     kernels: tuple[Kernel, ...]
     helpers: frozenset[str]
+    word: Word
 
 
 def unrolled_view(interface: Interface, controller: Controller) -> UnrolledView:
@@ -206,7 +217,8 @@ class _Unroller:
         self.controller = controller
         self.layout = Layout(controller)
         self.bounds = intervals(controller)
-        self.helpers: set[str] = {"value"}
+        self.helpers: set[str] = set()
+        self.word: Word = "unsigned" if self.fits_unsigned() else "uint32_t"
         self.codes: list[int] = []
 
     def view(self) -> UnrolledView:
@@ -225,62 +237,98 @@ class _Unroller:
             sum(code << 2 * i for i, code in enumerate(self.codes[start : start + WEIGHTS_PER_BYTE]))
             for start in range(0, len(self.codes), WEIGHTS_PER_BYTE)
         )
-        if not nodes and not any("_value(" in load.value for load in loads):
-            self.helpers.discard("value")
+        commits = tuple(
+            Load(f"state->delayed[{i}]", self.stored(signal)) for i, signal in enumerate(self.layout.delayed)
+        )
+        outputs = tuple(
+            Load(f"action[{i}]", str(output.value) if isinstance(output, Constant) else self.stored(output.index))
+            for i, output in enumerate(self.controller.outputs)
+        )
         return UnrolledView(
             weights=tuple(byte_lines(packed)),
             num_weight_bytes=len(packed),
             loads=loads,
-            reads_observation=any("observation[" in load.value for load in loads),
+            reads_observation=bool(loads) or any("observation[" in term for node in nodes for term in node.terms),
+            reads_state=any("state->" in term for node in nodes for term in node.terms),
             nodes=nodes,
             num_state=max(len(self.layout.delayed), 1),
-            commits=tuple(
-                Load(f"state->delayed[{i}]", f"(int16_t){self.signal(signal)}")
-                for i, signal in enumerate(self.layout.delayed)
-            ),
-            outputs=tuple(
-                Load(
-                    f"action[{i}]",
-                    str(output.value) if isinstance(output, Constant) else f"(int16_t){self.signal(output.index)}",
-                )
-                for i, output in enumerate(self.controller.outputs)
-            ),
+            commits=commits,
+            outputs=outputs,
             kernels=kernels,
             helpers=with_mask(self.helpers | self.interface.decision_helpers),
+            word=self.word,
         )
 
-    def signal(self, index: int) -> str:
+    def fits_unsigned(self) -> bool:
+        """Whether sums may be of type ``unsigned``, even where that has 16 bits.
+
+        Only activations that need no constants beyond One are printed that way; what wraps on the way to a sum does no harm.
+        """
+        if self.interface.guard or self.interface.decision_helpers:
+            return False
+        stored = {output.index for output in self.controller.outputs if not isinstance(output, Constant)}
+        stored |= set(self.layout.delayed)
+        for index, (node, bounds) in enumerate(
+            zip(self.controller.nodes, self.bounds.nodes, strict=True), start=len(self.controller.inputs)
+        ):
+            if node.activation == "clamped":
+                largest = WORD_SUM_MAX - self.controller.one
+            elif node.activation == "identity":
+                largest = WORD_SIGNAL_MAX if index in stored else WORD_SUM_MAX
+            else:
+                return False
+            if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
+                return False
+        return True
+
+    def stored(self, index: int) -> str:
+        """A signal as the int16_t that leaves the function."""
         first_node = len(self.controller.inputs)
-        return f"x{index}" if index < first_node else f"n{index - first_node}"
+        if index < first_node and not self.interface.guard:
+            return f"(int16_t)x{index}"
+        self.helpers.add("signal")
+        return f"{self.prefix}_signal({self.value(index)})"
+
+    def value(self, index: int) -> str:
+        """A signal as a word."""
+        first_node = len(self.controller.inputs)
+        if index >= first_node:
+            return f"n{index - first_node}"
+        # Small chips do best to read an input where it is used: they could not keep all of them in registers, and what is
+        # spilled must be written before it is read.
+        return f"x{index}" if self.interface.guard else f"({self.word})observation[{index}]"
 
     def loads(self) -> tuple[Load, ...]:
-        """The inputs and delayed values that are read, each into a local of its own."""
-        used = {link.source for node in self.controller.nodes for link in node.links if not link.delay}
-        used |= {output.index for output in self.controller.outputs if not isinstance(output, Constant)}
+        """The inputs that are kept in locals: those that are passed on, since outputs may be written over the observation.
+
+        With a guard it is all that are read, so that each is clipped just once.
+        """
+        used = {output.index for output in self.controller.outputs if not isinstance(output, Constant)}
         used |= set(self.layout.delayed)
-        loads = [
+        if self.interface.guard:
+            used |= {link.source for node in self.controller.nodes for link in node.links if not link.delay}
+            self.helpers |= {"clip"} if any(index < len(self.controller.inputs) for index in used) else set()
+        return tuple(
             Load(f"x{index}", self.guarded(f"observation[{index}]", entry))
             for index, entry in enumerate(self.controller.inputs)
             if index in used
-        ]
-        loads += [Load(f"d{i}", f"state->delayed[{i}]") for i in range(len(self.layout.delayed))]
-        return tuple(loads)
+        )
 
     def guarded(self, source: str, entry: Input) -> str:
         if not self.interface.guard:
-            return source
-        self.helpers.add("clip")
-        return f"{self.prefix}_value({self.prefix}_clip((uint32_t)(int32_t){source}, {entry.limit}U))"
+            return f"({self.word}){source}"
+        return f"{self.prefix}_clip((uint32_t)(int32_t){source}, {entry.limit}U)"
 
     def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
         sum_name = f"sum{index}"
         shifted = self.shifted_sources(node)
-        terms = tuple(self.term(link, shifted) for link in node.links)
+        # What is added goes first: a sum that starts with a subtraction costs a negation.
+        terms = tuple(self.term(link, shifted) for link in sorted(node.links, key=lambda link: -link.sign))
         return UnrolledNode(
             name=f"n{index}",
             comment=self.describe(node),
             sum_name=sum_name,
-            start=_wrapped(node.bias),
+            start=self.wrapped(node.bias),
             terms=terms,
             value=self.response(sum_name, node, bounds),
         )
@@ -293,16 +341,33 @@ class _Unroller:
             seen[link.source, link.delay] = seen.get((link.source, link.delay), 0) + 1
         return {source for source, count in seen.items() if count > 1}
 
+    def wrapped(self, value: int) -> str:
+        """An integer as a C expression of a sum's type, in two's complement."""
+        if self.word == "unsigned":
+            return f"{value}U" if value > 0 else f"0U - {-value}U" if value else "0"
+        if value >= 0:
+            return f"UINT32_C({value})" if value else "0"
+        return f"UINT32_C(0) - UINT32_C({-value})"
+
     def local(self, link: Link) -> str:
-        return f"d{self.layout.delayed.index(link.source)}" if link.delay else self.signal(link.source)
+        if link.delay:
+            return f"({self.word})state->delayed[{self.layout.delayed.index(link.source)}]"
+        return self.value(link.source)
+
+    def name(self, link: Link) -> str:
+        """A link's source as comments have it."""
+        if link.delay:
+            return f"d{self.layout.delayed.index(link.source)}"
+        first_node = len(self.controller.inputs)
+        return f"x{link.source}" if link.source < first_node else f"n{link.source - first_node}"
 
     def term(self, link: Link, shifted: set[tuple[int, int]]) -> str:
         """One addition: the source, masked by both bits of its 2-bit weight."""
         at = len(self.codes)
         self.codes.append(1 if link.sign > 0 else 2)
-        byte = f"(uint32_t){self.prefix}_weights[{at // WEIGHTS_PER_BYTE}]"
+        byte = f"({self.word}){self.prefix}_weights[{at // WEIGHTS_PER_BYTE}]"
         low = 2 * (at % WEIGHTS_PER_BYTE)
-        x = f"(uint32_t){self.local(link)}"
+        x = self.local(link)
         if link.shift:
             x = f"({x} << {link.shift})"
             # A shift that is subtracted is a multiplication by -2^k to some compilers, as a sum of shifts is one by their sum.
@@ -312,7 +377,7 @@ class _Unroller:
         return f"({x} & (0U - ({byte} >> {low} & 1U))) - ({x} & (0U - ({byte} >> {low + 1} & 1U)))"
 
     def response(self, total: str, node: Node, bounds: NodeIntervals) -> str:
-        """Gain, saturation where it can happen, and activation, as one expression of type int32_t."""
+        """Gain, saturation where it can happen, and activation, as one expression of a sum's type."""
         value = total
         if node.gain > 0:
             if all(link.sign < 0 for link in node.links):
@@ -330,13 +395,13 @@ class _Unroller:
             value = f"{self.prefix}_{clip}({value}, {limit}U)"
         if node.activation not in ("identity", "clamped"):
             value = f"{self.prefix}_act_{node.activation}({value})"
-        return f"{self.prefix}_value({value})"
+        return value
 
     def describe(self, node: Node) -> str:
         """The node as a formula, for a comment."""
         terms = [
-            ("-" if link.sign < 0 else "+") + f" {self.local(link)}" + (f" * 2^{link.shift}" if link.shift else "")
-            for link in node.links
+            ("-" if link.sign < 0 else "+") + f" {self.name(link)}" + (f" * 2^{link.shift}" if link.shift else "")
+            for link in sorted(node.links, key=lambda link: -link.sign)
         ]
         if node.bias:
             terms.append(("-" if node.bias < 0 else "+") + f" {abs(node.bias)}")
@@ -347,18 +412,11 @@ class _Unroller:
         return f"{node.activation}({text})"
 
 
-def _wrapped(value: int) -> str:
-    """An integer as a C expression of type uint32_t, in two's complement."""
-    if value >= 0:
-        return f"UINT32_C({value})" if value else "0"
-    return f"UINT32_C(0) - UINT32_C({-value})"
-
-
 @dataclass(frozen=True, slots=True)
 class TableView:
     """What surrounds the interpreter in the table style."""
 
-    blob: tuple[str, ...]
+    body: tuple[str, ...]
     num_bytes: int
     encoding: str
     interpreter: InterpreterView
@@ -378,7 +436,8 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
     """Lay out a step around the interpreter of one blob."""
     controller = interface.controller
     layout = Layout(controller)
-    view = specialized_view(controller, blob, interface.name)
+    narrow = not (interface.guard or interface.decision_helpers) and fits_unsigned(controller, blob.encoding)
+    view = specialized_view(controller, blob, interface.name, "unsigned" if narrow else "uint32_t")
     presets = []
     if layout.has_ternary_bias:
         presets.append(Load(f"signals[{layout.one_slot}]", f"{controller.one}"))
@@ -389,8 +448,8 @@ def table_view(interface: Interface, blob: Blob) -> TableView:
     if interface.guard:
         helpers |= {"clip", "signal"}
     return TableView(
-        blob=tuple(byte_lines(blob.data)),
-        num_bytes=len(blob.data),
+        body=tuple(byte_lines(blob.data[blob.body_offset :])),
+        num_bytes=len(blob.data) - blob.body_offset,
         encoding=blob.encoding,
         interpreter=view,
         num_signals=layout.workspace_length,

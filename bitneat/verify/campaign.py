@@ -155,7 +155,7 @@ class Campaign:
                         return FaultResult(number, fault, outcome, seen.text)
             except ImplementationError as error:
                 return FaultResult(number, fault, "crash", str(error))
-            wrong = table_fault(self._controller, faulty, self._weights)
+            wrong = table_fault(faulty, self._weights)
             if wrong is not None:
                 return FaultResult(number, fault, "table", wrong)
             return self._survivor(number, fault, implementations)

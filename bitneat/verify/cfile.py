@@ -13,7 +13,7 @@ from pathlib import Path
 from bitneat.champion import Champion
 from bitneat.champion import load as load_champion
 from bitneat.codegen import STYLES, CNameError, GeneratedC, Style, check_name, generate
-from bitneat.controller.packing import ENCODINGS, PackedFormatError, unpack
+from bitneat.controller.packing import ENCODINGS
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
 
@@ -27,6 +27,7 @@ _OPENING = re.compile(
 _HEADER_SHA256 = re.compile(r"^ \* SHA-256 of the controller: ([0-9a-f]{64})$", re.MULTILINE)
 _HEADER_ENVIRONMENT = re.compile(r"^ \* evolved on (.+)$", re.MULTILINE)
 _INCLUDE = re.compile(r'^#include "([^"/\\]+)"$', re.MULTILINE)
+_ENCODING = re.compile(r'^/\* The body of the packed controller, in the encoding "(\w+)"\. \*/$', re.MULTILINE)
 _GUARD = "`observation` holds any values: each is clamped"
 
 
@@ -143,8 +144,8 @@ class CFile:
 
     @cached_property
     def table(self) -> tuple[bytes, int] | None:
-        """The bytes of the weight table or blob, and where their initializer starts in the source; None if there is none."""
-        noun = "weights" if self.style == "unrolled" else "blob"
+        """The bytes of the weight table or of the blob's body, and where their initializer starts; None if there is none."""
+        noun = "weights" if self.style == "unrolled" else "body"
         found = re.search(
             rf"^static const uint8_t {self.name}_{noun}\[\d+\][^{{=]*= \{{(?P<bytes>[^}}]*)\}};",
             self.source,
@@ -165,20 +166,14 @@ class CFile:
             action=champion.action,
             environment_id=champion.environment.id if champion.environment else "",
             header_name=self.header_path.name,
-            encoding=self._encoding(champion) if (style or self.style) == "table" else None,
+            encoding=self.encoding if (style or self.style) == "table" else None,
         )
 
-    def _encoding(self, champion: Champion) -> str | None:
-        """Of a sound blob, which says so in its first byte: codegen's own choice depends on the compilers that it finds."""
-        if self.style != "table" or self.table is None:
-            return None
-        try:
-            if unpack(self.table[0]).sha256 != champion.controller.sha256:
-                return None
-        except PackedFormatError:
-            return None
-        code = self.table[0][0] >> 3 & 7
-        return next(encoding.name for encoding in ENCODINGS.values() if encoding.code == code)
+    @property
+    def encoding(self) -> str | None:
+        """Of the table style's body, as its comment says: codegen's own choice depends on the compilers that it finds."""
+        found = _ENCODING.search(self.source) if self.style == "table" else None
+        return found[1] if found is not None and found[1] in ENCODINGS else None
 
 
 def _read(path: Path) -> str:

@@ -82,11 +82,11 @@ def _places(code: CFile) -> Iterator[_Place]:
     if code.table is not None:
         data, table_start = code.table
         table_end = source.index("}", table_start)
-        noun = f"{code.name}_{'weights' if code.style == 'unrolled' else 'blob'}"
+        noun = f"{code.name}_{'weights' if code.style == 'unrolled' else 'body'}"
         numbers = _NUMBER.finditer(source, table_start, table_end)
         for index, number in zip(range(len(data)), numbers, strict=True):
             yield _Place(number.start(), number.end(), 8, f"byte {index} of {noun}")
-    weight = re.compile(rf"\(0U - \(\(uint32_t\){code.name}_weights\[\d+\] >> \d+ & 1U\)\)")
+    weight = re.compile(rf"\(0U - \((?:\(uint32_t\)|\(unsigned\)){code.name}_weights\[\d+\] >> \d+ & 1U\)\)")
     blank = source
     for pattern in (_COMMENT, _DIRECTIVE, _ARRAY_SIZE, weight):
         blank = pattern.sub(lambda found: re.sub(r"\S", " ", found[0]), blank)

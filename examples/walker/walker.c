@@ -15,20 +15,24 @@
 #define WALKER_IN_FLASH
 #endif
 
-/* The packed controller, in the encoding "bytes". */
-static const uint8_t walker_blob[54] WALKER_IN_FLASH = {
-    0x01, 0x01, 0x31, 0x85, 0x28, 0xc3, 0x6c, 0x80, 0x00, 0x01, 0x58, 0x32, 0x80, 0x00, 0x85, 0xd4,
-    0x4c, 0x33, 0x05, 0x00, 0x00, 0x16, 0x8c, 0x0c, 0x00, 0xd8, 0x0c, 0x06, 0x09, 0xd8, 0x14, 0x41,
-    0x02, 0x99, 0x16, 0xcd, 0x11, 0x00, 0x8c, 0x14, 0x00, 0xd3, 0x00, 0x1b, 0x5c, 0x9d, 0x0c, 0x01,
-    0x02, 0x03, 0x55, 0xda, 0x18, 0x98,
+/* The body of the packed controller, in the encoding "bytes". */
+static const uint8_t walker_body[33] WALKER_IN_FLASH = {
+    0x16, 0x8c, 0x0c, 0x00, 0xd8, 0x0c, 0x06, 0x09, 0xd8, 0x14, 0x41, 0x02, 0x99, 0x16, 0xcd, 0x11,
+    0x00, 0x8c, 0x14, 0x00, 0xd3, 0x00, 0x1b, 0x5c, 0x9d, 0x0c, 0x01, 0x02, 0x03, 0x55, 0xda, 0x18,
+    0x98,
 };
 
-static uint8_t walker_byte(const uint8_t *address)
+/* The byte at an address, which moves on to the next. */
+static uint8_t walker_next(const uint8_t **address)
 {
-#if defined(__AVR__)
-    return pgm_read_byte(address);
+#if defined(__AVR_HAVE_LPMX__) && defined(__GNUC__) && !defined(__clang__)
+    uint8_t byte;
+    __asm__("lpm %0, Z+" : "=r"(byte), "+z"(*address)); /* which pgm_read_byte cannot make of it */
+    return byte;
+#elif defined(__AVR__)
+    return pgm_read_byte((*address)++);
 #else
-    return *address;
+    return *(*address)++;
 #endif
 }
 
@@ -76,20 +80,26 @@ static uint32_t walker_copysign(uint32_t x, uint32_t y)
     return (x ^ negative) - negative;
 }
 
+/* x - limit clipped to -limit..limit, for |x| < 2^31. */
+static uint32_t walker_clip_raised(uint32_t x, uint32_t limit)
+{
+    x &= walker_mask(~x);
+    x = x - limit - limit;
+    x &= walker_mask(x);
+    return x + limit;
+}
+
 /* x clipped to -limit..limit, for |x| < 2^31 - limit. */
 static uint32_t walker_clip(uint32_t x, uint32_t limit)
 {
-    const uint32_t above = limit - x;
-    const uint32_t y = x + (above & walker_mask(above));
-    const uint32_t below = y + limit;
-    return y - (below & walker_mask(below));
+    return walker_clip_raised(x + limit, limit);
 }
 
-/* x / 2^k rounded down, for |x| < 2^31. */
-static uint32_t walker_floor_shift(uint32_t x, unsigned k)
+/* x / 2^k rounded down, without a constant to load. */
+static uint32_t walker_floor_shift_by_sign(uint32_t x, unsigned k)
 {
-    const uint32_t middle = UINT32_C(1) << 31;
-    return ((x + middle) >> k) - (middle >> k);
+    const uint32_t negative = walker_mask(x);
+    return ((x ^ negative) >> k) ^ negative;
 }
 
 /* A value in -32768..32767 as an int16_t; every conversion is in range. */
@@ -98,13 +108,16 @@ static int16_t walker_signal(uint32_t x)
     return (int16_t)((int32_t)(x + 32768U) - 32768);
 }
 
-/* clamped: clip(u, -One, One) */
-static uint32_t walker_act_clamped(uint32_t u)
-{
-    const uint32_t t2 = walker_min(u, UINT32_C(256));
-    const uint32_t t4 = UINT32_C(0) - UINT32_C(256);
-    return walker_max(t2, t4);
-}
+/* The slot in a record, whether its sign is minus, whether it is the last. Thumb takes fewer instructions for shifts. */
+#if defined(__thumb__) && !defined(__thumb2__) && defined(__GNUC__) && !defined(__clang__)
+#define WALKER_SLOT(record) (__extension__({ uint32_t high = (record) << 26; __asm__("" : "+r"(high)); high >> 26; }))
+#define WALKER_MINUS(record) (((record) << 25 >> 31) != 0)
+#define WALKER_LAST(record) (((record) >> 7) != 0)
+#else
+#define WALKER_SLOT(record) ((record) & 63U)
+#define WALKER_MINUS(record) (((record) & 64U) != 0)
+#define WALKER_LAST(record) (((record) & 128U) != 0)
+#endif
 
 /* hat: max(0, One - |u|) */
 static uint32_t walker_act_hat(uint32_t u)
@@ -125,17 +138,12 @@ static uint32_t walker_act_step(uint32_t u)
 /* A node's gain, saturation and activation. */
 static uint32_t walker_respond(unsigned fields, uint32_t sum)
 {
-    const int gain = (int)(fields >> 2) - 4;
-    if (gain >= 0) {
-        sum <<= (unsigned)gain;
-    } else {
-        sum = walker_floor_shift(sum, (unsigned)-gain);
-    }
-    sum = walker_clip(sum, 32767U);
+    sum <<= fields >> 2; /* a left shift of 0 stands for the lowest gain */
+    sum = walker_floor_shift_by_sign(sum, 4);
     /* One comparison after the other: a switch may become a jump table, and call a library to use it. */
     const uint32_t kind = fields & 3U;
     if (walker_opaque(kind) == 0U) {
-        return walker_act_clamped(sum);
+        return walker_clip(sum, 256U);
     }
     if (walker_opaque(kind) == 1U) {
         return walker_act_hat(sum);
@@ -143,42 +151,46 @@ static uint32_t walker_respond(unsigned fields, uint32_t sum)
     return walker_act_step(sum);
 }
 
-/* Evaluates every node in order, from the slots before them. */
-static void walker_nodes(int16_t *signals)
-{
-    const uint8_t *next = walker_blob + 21;
-    int16_t *node = signals + 24;
-    int16_t *const end = signals + 34;
-    while (node != end) {
-        const unsigned fields = walker_byte(next++);
-        uint32_t sum = 0;
-        uint32_t record;
-        do {
-            record = walker_byte(next++);
-            const uint32_t x = (uint32_t)(int32_t)signals[record & 63U];
-            const uint32_t sign = 0U - ((record >> 6) & 1U);
-            sum += (x ^ sign) - sign;
-        } while ((record >> 7) == 0);
-        *node++ = walker_signal(walker_respond(fields, sum));
-    }
-}
+/* Keeps compilers from making a call of memcpy out of a loop: there may be no libc. */
+#if defined(__GNUC__)
+#define WALKER_KEEP_LOOP() __asm__ volatile("" ::: "memory")
+#else
+#define WALKER_KEEP_LOOP() ((void)0)
+#endif
 
 void walker_run(int16_t signals[WALKER_NUM_SIGNALS])
 {
-    walker_nodes(signals);
+    const uint8_t *next = walker_body;
+    int16_t *node = signals + 24;
+    int16_t *const end = signals + 34;
+    do {
+        const unsigned fields = walker_next(&next);
+        uint32_t sum = 0;
+        uint32_t record;
+        do {
+            record = walker_next(&next);
+            uint32_t x = (uint32_t)signals[WALKER_SLOT(record)];
+            if (WALKER_MINUS(record)) {
+                x = 0U - x;
+            }
+            sum += x;
+        } while (!WALKER_LAST(record));
+        *node++ = walker_signal(walker_respond(fields, sum));
+    } while (node != end);
 }
 
 void walker_step(const int16_t observation[WALKER_NUM_INPUTS], int16_t action[WALKER_NUM_OUTPUTS])
 {
     int16_t signals[WALKER_NUM_SIGNALS];
-    /* Volatile, so that no compiler makes a call of memcpy out of the loops: there may be no libc. */
-    const volatile int16_t *const from = observation;
-    const volatile int16_t *const outputs = signals + WALKER_NUM_SIGNALS - WALKER_NUM_OUTPUTS;
-    for (uint_fast16_t i = 0; i < WALKER_NUM_INPUTS; i++) {
-        signals[i] = from[i];
-    }
+    int16_t *at = signals;
+    do {
+        *at++ = *observation++;
+        WALKER_KEEP_LOOP();
+    } while (at != signals + WALKER_NUM_INPUTS);
     walker_run(signals);
-    for (uint_fast16_t i = 0; i < WALKER_NUM_OUTPUTS; i++) {
-        action[i] = outputs[i];
-    }
+    at = signals + WALKER_NUM_SIGNALS - WALKER_NUM_OUTPUTS;
+    do {
+        *action++ = *at++;
+        WALKER_KEEP_LOOP();
+    } while (at != signals + WALKER_NUM_SIGNALS);
 }

@@ -137,7 +137,7 @@ def test_the_selftest_passes_and_catches_a_fault(tmp_path: Path, style: str, con
         "-o",
         "t",
     ]
-    end = code.source.index("};", code.source.index("_weights[" if style == "unrolled" else "_blob["))
+    end = code.source.index("};", code.source.index("_weights[" if style == "unrolled" else "_body["))
     last = code.source.rindex("0x", 0, end) + 3
     faulty = f"{code.source[:last]}{int(code.source[last], 16) ^ 1:x}{code.source[last + 1 :]}"
     for text, expected in ((code.source, 0), (faulty, 1)):

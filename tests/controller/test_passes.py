@@ -21,6 +21,7 @@ from bitneat.controller.passes import (
     inline_sums,
     merge_duplicates,
     optimize,
+    order_depth_first,
 )
 from tests.strategies import controllers_with_inputs, input_vectors, patient, random_controller
 
@@ -393,7 +394,17 @@ class TestOptimize:
         assert_leaves_alone(optimize, build([], 1, Constant(5)))
 
 
-@pytest.mark.parametrize("rewrite", [*PASSES, optimize], ids=lambda rewrite: rewrite.__name__)
+def test_nodes_are_ordered_depth_first_from_the_outputs() -> None:
+    original = build(
+        [sums(Link(0)), sums(Link(1)), sums(Link(0), Link(1)), squash(Link(2), Link(4)), squash(Link(3))], 6, 5
+    )
+    expected = build(
+        [sums(Link(1)), squash(Link(2)), sums(Link(0)), sums(Link(0), Link(1)), squash(Link(4), Link(5))], 3, 6
+    )
+    assert_rewrites(order_depth_first, original, expected)
+
+
+@pytest.mark.parametrize("rewrite", [*PASSES, optimize, order_depth_first], ids=lambda rewrite: rewrite.__name__)
 class TestEveryPass:
     @patient
     @given(case=controllers_with_inputs(max_steps=10, max_nodes=6))

@@ -5,7 +5,7 @@ import pytest
 
 from bitneat.champion import save_pickle
 from bitneat.codegen import generate
-from bitneat.controller.packing import ENCODINGS, unpack
+from bitneat.controller.packing import ENCODINGS, pack_blob
 from bitneat.errors import BitneatError
 from bitneat.verify.cfile import CFile, c_name_for, find
 from tests.verify.champions import champion, plain_champion, written
@@ -21,14 +21,15 @@ def test_all_that_a_caller_needs_is_read_from_the_files(tmp_path: Path) -> None:
     assert code.num_state is not None
     assert (code.has_decide, code.guard, code.environment_id) == (True, True, "CartPole-v1")
     assert code.table is not None
-    assert unpack(code.table[0]) == whose.controller.canonical
+    blob = pack_blob(whose.controller, code.encoding)
+    assert code.table[0] == blob.data[blob.body_offset :]
 
 
 def test_a_plain_file_has_no_state_and_no_workspace(tmp_path: Path) -> None:
     code = written(plain_champion(), tmp_path)
     assert (code.num_signals, code.num_state, code.has_decide, code.guard) == (None, None, False, False)
     assert code.table is not None
-    assert code.table[0] == bytes([0b01_10_01])
+    assert code.table[0] == bytes([0b10_01_01])
 
 
 @pytest.mark.parametrize("style", ["unrolled", "table"])

@@ -44,7 +44,9 @@ def states(whose: Champion, folder: Path) -> list[int]:
 def test_the_first_difference_is_named_and_all_are_counted(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
-    code.path.write_text(code.source.replace("action[0] = (int16_t)n0;", "action[0] = (int16_t)(n0 ^ 1);"))
+    code.path.write_text(
+        code.source.replace("action[0] = legs_signal(n0);", "action[0] = (int16_t)(legs_signal(n0) ^ 1);")
+    )
     report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), Settings(seed=7, episodes=1, max_steps=30))
     assert not report.passed
     mismatch = report.mismatch
@@ -72,8 +74,8 @@ def test_a_wrong_decision_is_a_failure(tmp_path: Path) -> None:
 def test_a_difference_that_the_loop_does_not_reach_is_found_on_vectors(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path)
-    text = "action[0] = (int16_t)(n0 + (x0 + x1 + x2 > 2500));"
-    code.path.write_text(code.source.replace("action[0] = (int16_t)n0;", text))
+    text = "action[0] = (int16_t)(legs_signal(n0) + (observation[0] + observation[1] + observation[2] > 2500));"
+    code.path.write_text(code.source.replace("action[0] = legs_signal(n0);", text))
     report = verify(whose, CFile.read(code.path), select(["host-unrolled"]), SHORT)
     assert report.mismatch is not None
     assert report.mismatch.place.episode is None
@@ -186,17 +188,17 @@ def test_a_source_or_header_of_another_controller_is_stale(suffix: str, tmp_path
     assert report.to_data()["targets"] == []
 
 
-def test_a_blob_that_holds_another_controller_is_a_failure_even_where_nothing_reads_it(tmp_path: Path) -> None:
+def test_a_table_that_codegen_does_not_write_is_a_failure(tmp_path: Path) -> None:
     whose = plain_champion()
     code = written(whose, tmp_path, "table")
     assert code.table is not None
-    first = f"0x{code.table[0][1]:02x}"
-    changed = f"0x{code.table[0][1] ^ 0x80:02x}"
-    at = code.source.index(first, code.table[1] + 4)
+    first = f"0x{code.table[0][0]:02x}"
+    changed = f"0x{code.table[0][0] ^ 0x40:02x}"
+    at = code.source.index(first, code.table[1])
     code.path.write_text(code.source[:at] + changed + code.source[at + 4 :])
     report = verify(whose, CFile.read(code.path), select(["host-table"]), SHORT)
     assert not report.passed
-    assert any("blob" in failure for failure in report.failures)
+    assert any("its table of links is not the one" in failure for failure in report.failures)
 
 
 def test_a_header_of_another_shape_is_a_failure(tmp_path: Path) -> None:

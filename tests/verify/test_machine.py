@@ -59,8 +59,11 @@ def test_position_independent_code_for_another_word_size_is_sound_too(tmp_path: 
 @pytest.mark.parametrize(
     ("line", "violation"),
     [
-        ("if (x0 > 3) { volatile int stop = x0; (void)stop; }", "is a conditional branch"),
-        ("volatile int32_t product = x0; product = product * x1;", "is a multiplication or division"),
+        ("if (observation[0] > 3) { volatile int stop = observation[0]; (void)stop; }", "is a conditional branch"),
+        (
+            "volatile int32_t product = observation[0]; product = product * observation[1];",
+            "is a multiplication or division",
+        ),
     ],
 )
 def test_branches_and_multiplications_are_found_in_the_machine_code(line: str, violation: str, tmp_path: Path) -> None:

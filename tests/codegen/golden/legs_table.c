@@ -15,18 +15,22 @@
 #define LEGS_IN_FLASH
 #endif
 
-/* The packed controller, in the encoding "bytes". */
-static const uint8_t legs_blob[29] LEGS_IN_FLASH = {
-    0x01, 0x25, 0x87, 0x41, 0x28, 0x85, 0x49, 0x10, 0x07, 0xf8, 0x7f, 0x80, 0xff, 0x7f, 0xc9, 0x12,
-    0xc0, 0x00, 0x02, 0x00, 0x41, 0x83, 0x04, 0x44, 0x05, 0x86, 0x0d, 0x40, 0x87,
+/* The body of the packed controller, in the encoding "bytes". */
+static const uint8_t legs_body[11] LEGS_IN_FLASH = {
+    0x02, 0x00, 0x41, 0x83, 0x04, 0x44, 0x05, 0x86, 0x0d, 0x40, 0x87,
 };
 
-static uint8_t legs_byte(const uint8_t *address)
+/* The byte at an address, which moves on to the next. */
+static uint8_t legs_next(const uint8_t **address)
 {
-#if defined(__AVR__)
-    return pgm_read_byte(address);
+#if defined(__AVR_HAVE_LPMX__) && defined(__GNUC__) && !defined(__clang__)
+    uint8_t byte;
+    __asm__("lpm %0, Z+" : "=r"(byte), "+z"(*address)); /* which pgm_read_byte cannot make of it */
+    return byte;
+#elif defined(__AVR__)
+    return pgm_read_byte((*address)++);
 #else
-    return *address;
+    return *(*address)++;
 #endif
 }
 
@@ -74,20 +78,26 @@ static uint32_t legs_copysign(uint32_t x, uint32_t y)
     return (x ^ negative) - negative;
 }
 
+/* x - limit clipped to -limit..limit, for |x| < 2^31. */
+static uint32_t legs_clip_raised(uint32_t x, uint32_t limit)
+{
+    x &= legs_mask(~x);
+    x = x - limit - limit;
+    x &= legs_mask(x);
+    return x + limit;
+}
+
 /* x clipped to -limit..limit, for |x| < 2^31 - limit. */
 static uint32_t legs_clip(uint32_t x, uint32_t limit)
 {
-    const uint32_t above = limit - x;
-    const uint32_t y = x + (above & legs_mask(above));
-    const uint32_t below = y + limit;
-    return y - (below & legs_mask(below));
+    return legs_clip_raised(x + limit, limit);
 }
 
-/* x / 2^k rounded down, for |x| < 2^31. */
-static uint32_t legs_floor_shift(uint32_t x, unsigned k)
+/* x / 2^k rounded down, without a constant to load. */
+static uint32_t legs_floor_shift_by_sign(uint32_t x, unsigned k)
 {
-    const uint32_t middle = UINT32_C(1) << 31;
-    return ((x + middle) >> k) - (middle >> k);
+    const uint32_t negative = legs_mask(x);
+    return ((x ^ negative) >> k) ^ negative;
 }
 
 /* A value in -32768..32767 as an int16_t; every conversion is in range. */
@@ -96,13 +106,16 @@ static int16_t legs_signal(uint32_t x)
     return (int16_t)((int32_t)(x + 32768U) - 32768);
 }
 
-/* clamped: clip(u, -One, One) */
-static uint32_t legs_act_clamped(uint32_t u)
-{
-    const uint32_t t2 = legs_min(u, UINT32_C(256));
-    const uint32_t t4 = UINT32_C(0) - UINT32_C(256);
-    return legs_max(t2, t4);
-}
+/* The slot in a record, whether its sign is minus, whether it is the last. Thumb takes fewer instructions for shifts. */
+#if defined(__thumb__) && !defined(__thumb2__) && defined(__GNUC__) && !defined(__clang__)
+#define LEGS_SLOT(record) (__extension__({ uint32_t high = (record) << 26; __asm__("" : "+r"(high)); high >> 26; }))
+#define LEGS_MINUS(record) (((record) << 25 >> 31) != 0)
+#define LEGS_LAST(record) (((record) >> 7) != 0)
+#else
+#define LEGS_SLOT(record) ((record) & 63U)
+#define LEGS_MINUS(record) (((record) & 64U) != 0)
+#define LEGS_LAST(record) (((record) & 128U) != 0)
+#endif
 
 /* hat: max(0, One - |u|) */
 static uint32_t legs_act_hat(uint32_t u)
@@ -145,17 +158,12 @@ static uint32_t legs_act_tanh(uint32_t u)
 /* A node's gain, saturation and activation. */
 static uint32_t legs_respond(unsigned fields, uint32_t sum)
 {
-    const int gain = (int)(fields >> 2) - 1;
-    if (gain >= 0) {
-        sum <<= (unsigned)gain;
-    } else {
-        sum = legs_floor_shift(sum, (unsigned)-gain);
-    }
-    sum = legs_clip(sum, 32767U);
+    sum <<= fields >> 2; /* a left shift of 0 stands for the lowest gain */
+    sum = legs_floor_shift_by_sign(sum, 1);
     /* One comparison after the other: a switch may become a jump table, and call a library to use it. */
     const uint32_t kind = fields & 3U;
     if (legs_opaque(kind) == 0U) {
-        return legs_act_clamped(sum);
+        return legs_clip(sum, 256U);
     }
     if (legs_opaque(kind) == 1U) {
         return legs_act_hat(sum);
@@ -163,32 +171,35 @@ static uint32_t legs_respond(unsigned fields, uint32_t sum)
     return legs_act_tanh(sum);
 }
 
-/* Evaluates every node in order, from the slots before them. */
-static void legs_nodes(int16_t *signals)
-{
-    const uint8_t *next = legs_blob + 18;
-    int16_t *node = signals + 6;
-    int16_t *const end = signals + 9;
-    while (node != end) {
-        const unsigned fields = legs_byte(next++);
-        uint32_t sum = 0;
-        uint32_t record;
-        do {
-            record = legs_byte(next++);
-            const uint32_t x = (uint32_t)(int32_t)signals[record & 63U];
-            const uint32_t sign = 0U - ((record >> 6) & 1U);
-            sum += (x ^ sign) - sign;
-        } while ((record >> 7) == 0);
-        *node++ = legs_signal(legs_respond(fields, sum));
-    }
-}
+/* Keeps compilers from making a call of memcpy out of a loop: there may be no libc. */
+#if defined(__GNUC__)
+#define LEGS_KEEP_LOOP() __asm__ volatile("" ::: "memory")
+#else
+#define LEGS_KEEP_LOOP() ((void)0)
+#endif
 
 void legs_run(struct legs_state *state, int16_t signals[LEGS_NUM_SIGNALS])
 {
     signals[3] = 256;
     signals[4] = state->delayed[0];
     signals[5] = state->delayed[1];
-    legs_nodes(signals);
+    const uint8_t *next = legs_body;
+    int16_t *node = signals + 6;
+    int16_t *const end = signals + 9;
+    do {
+        const unsigned fields = legs_next(&next);
+        uint32_t sum = 0;
+        uint32_t record;
+        do {
+            record = legs_next(&next);
+            uint32_t x = (uint32_t)signals[LEGS_SLOT(record)];
+            if (LEGS_MINUS(record)) {
+                x = 0U - x;
+            }
+            sum += x;
+        } while (!LEGS_LAST(record));
+        *node++ = legs_signal(legs_respond(fields, sum));
+    } while (node != end);
     state->delayed[0] = signals[2];
     state->delayed[1] = signals[7];
 }
@@ -196,16 +207,17 @@ void legs_run(struct legs_state *state, int16_t signals[LEGS_NUM_SIGNALS])
 void legs_step(struct legs_state *state, const int16_t observation[LEGS_NUM_INPUTS], int16_t action[LEGS_NUM_OUTPUTS])
 {
     int16_t signals[LEGS_NUM_SIGNALS];
-    /* Volatile, so that no compiler makes a call of memcpy out of the loops: there may be no libc. */
-    const volatile int16_t *const from = observation;
-    const volatile int16_t *const outputs = signals + LEGS_NUM_SIGNALS - LEGS_NUM_OUTPUTS;
-    for (uint_fast16_t i = 0; i < LEGS_NUM_INPUTS; i++) {
-        signals[i] = from[i];
-    }
+    int16_t *at = signals;
+    do {
+        *at++ = *observation++;
+        LEGS_KEEP_LOOP();
+    } while (at != signals + LEGS_NUM_INPUTS);
     legs_run(state, signals);
-    for (uint_fast16_t i = 0; i < LEGS_NUM_OUTPUTS; i++) {
-        action[i] = outputs[i];
-    }
+    at = signals + LEGS_NUM_SIGNALS - LEGS_NUM_OUTPUTS;
+    do {
+        *action++ = *at++;
+        LEGS_KEEP_LOOP();
+    } while (at != signals + LEGS_NUM_SIGNALS);
 }
 
 void legs_reset(struct legs_state *state)
