@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
-import shutil
-from collections.abc import Iterator
+import re
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,12 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
 from bitneat.champion import Champion, FloatChampion, any_from_data
+from bitneat.cli.main import COMMANDS
 from bitneat.controller.packing import pack
 from bitneat.evolve.randomness import report_seeds
-from bitneat.network import FloatNetwork
 from bitneat.policy.arrays import read_layers
 from bitneat.policy.layers import layered_network
+from bitneat.reproduce.results import policy_from_data
 from bitneat.sim.walker import run_episodes
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -33,15 +35,12 @@ LIMIT = 600
 Notebook = Any
 
 
-@pytest.fixture
-def kernels(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Kernels with their files in a folder of their own, and nothing of the user's settings."""
-    home = tmp_path_factory.mktemp("jupyter")
-    for variable in ("JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR", "IPYTHONDIR"):
-        monkeypatch.setenv(variable, str(home / variable.lower()))
-    monkeypatch.setenv("MPLCONFIGDIR", str(ROOT / "build" / "test-cache" / "matplotlib"))
-    yield
-    shutil.rmtree(home, ignore_errors=True)
+@pytest.fixture(autouse=True)
+def nothing_of_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kernels neither see nor change how the user has set up Jupyter and IPython."""
+    for variable in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+        monkeypatch.setenv(variable, str(tmp_path / variable))
+    monkeypatch.setenv("JUPYTER_PREFER_ENV_PATH", "1")
 
 
 def _read(name: str) -> Notebook:
@@ -56,18 +55,25 @@ def _run(notebook: Notebook, wanted: str) -> Any:
     """
     question = f"import json\nprint(json.dumps({wanted}))"
     notebook.cells.append(nbformat.v4.new_code_cell(question, id="question"))
-    client = NotebookClient(
-        notebook, timeout=LIMIT, startup_timeout=LIMIT, resources={"metadata": {"path": str(FOLDER)}}
-    )
-    client.execute()
+    # Sockets in the file system: ports that are free now may not be when the kernel opens them. Their names must be short.
+    with tempfile.TemporaryDirectory(prefix="kernel-") as folder:
+        manager = AsyncKernelManager(
+            kernel_name="python3", transport="ipc", connection_file=str(Path(folder) / "kernel.json")
+        )
+        client = NotebookClient(
+            notebook, manager, timeout=LIMIT, startup_timeout=LIMIT, resources={"metadata": {"path": str(FOLDER)}}
+        )
+        client.execute()
     (output,) = notebook.cells[-1].outputs
     return json.loads(output.text)
 
 
 def _with_parameters(notebook: Notebook, **values: object) -> Notebook:
-    """The notebook with other values set after those of its cell of parameters."""
+    """The notebook with other values, set after those in its cell of parameters."""
     (cell,) = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", ())]
-    cell.source += "".join(f"\n{name} = {value!r}" for name, value in values.items())
+    for name, value in values.items():
+        assert f"{name} = " in cell.source
+        cell.source += f"\n{name} = Path({str(value)!r})" if isinstance(value, Path) else f"\n{name} = {value!r}"
     return notebook
 
 
@@ -77,7 +83,6 @@ def _shown(notebook: Notebook, cell_id: str) -> dict[str, Any]:
     return {kind: data for output in cell.outputs for kind, data in output.get("data", {}).items()}
 
 
-@pytest.mark.usefixtures("kernels")
 def test_the_notebook_on_training_evolves_a_float_and_a_ternary_champion() -> None:
     notebook = _with_parameters(_read("train"), GENERATIONS=3)
     found = _run(
@@ -96,7 +101,6 @@ def test_the_notebook_on_training_evolves_a_float_and_a_ternary_champion() -> No
         assert champion.provenance["held_out"]["mean"] == pytest.approx(float(np.mean(row)), rel=1e-12)
 
 
-@pytest.mark.usefixtures("kernels")
 def test_the_notebook_on_quantizing_ends_in_c_without_a_mismatch() -> None:
     notebook = _read("quantize")
     found = _run(
@@ -126,7 +130,86 @@ def test_the_notebook_on_quantizing_ends_in_c_without_a_mismatch() -> None:
         assert target["steps_compared"] >= 300
 
 
-@pytest.mark.usefixtures("kernels")
-def test_the_notebook_on_evaluating_runs_a_part_of_the_smoke_budget_where_there_are_no_results() -> None:
-    notebook = _with_parameters(_read("evaluate"), PUBLISHED=None)
-    notebook.cells.insert(0, nbformat.v4.new_code_cell("import sys; sys.exit()"))
+def test_the_notebook_on_evaluating_runs_a_part_of_the_smoke_budget_or_shows_what_is_published(tmp_path: Path) -> None:
+    notebook = _with_parameters(_read("evaluate"), PUBLISHED=tmp_path)
+    found = _run(
+        notebook,
+        "{'origin': origin, 'files': {path.name: path.read_text() for path in Path(scratch.name, 'results').iterdir()}}",
+    )
+    assert found["origin"] == "smoke budget"
+    files = {name: json.loads(text) for name, text in found["files"].items()}
+    assert set(files) == {"default-1.json", "bit-1.json", "ptq-int-round-1.json", "ptq-ternary-round-1.json"}
+    policy = policy_from_data(files["bit-1.json"]["policy"])
+    rewards, _ = run_episodes([policy], report_seeds(10))
+    assert files["bit-1.json"]["heldout"]["mean"] == pytest.approx(float(np.mean(rewards)), rel=1e-12)
+    row = f"| bit | {np.mean(rewards):.1f} | "
+    assert row in _shown(notebook, "table")["text/markdown"]
+
+    # The same results, but for one that is not theirs: this is how one sees that they are read and not made again.
+    files["default-1.json"]["heldout"]["mean"] = 271.25
+    for name, content in files.items():
+        (tmp_path / name).write_text(json.dumps(content))
+    notebook = _with_parameters(_read("evaluate"), PUBLISHED=tmp_path)
+    found = _run(notebook, "{'origin': origin, 'verdicts': {claim.claim: claim.verdict for claim in judged}}")
+    assert found["origin"] == "published results"
+    table = _shown(notebook, "table")["text/markdown"]
+    assert "| default | 271.2 | " in table
+    assert row in table
+    assert found["verdicts"]["The float genome reaches 270 in 300 generations"] == "holds"
+    assert found["verdicts"]["BitGenome reaches 254.29 in 300 generations"] == "does not hold"
+    assert len(found["verdicts"]) >= 10
+    assert _shown(notebook, "claims")["text/markdown"].count("\n") == len(found["verdicts"]) + 1
+    assert "<svg" in _shown(notebook, "fitness")["image/svg+xml"]
+    assert "<svg" in _shown(notebook, "growth")["image/svg+xml"]
+    assert base64.b64decode(_shown(notebook, "walk")["image/png"]).startswith(b"\x89PNG")
+
+
+def test_the_notebook_on_evaluating_shows_what_is_committed() -> None:
+    published = ROOT / "docs" / "paper" / "results"
+    if not all((published / f"{job}.json").exists() for job in ("default-1", "bit-1")):
+        pytest.skip("the runs of the paper's budget are not committed yet")
+    assert _run(_read("evaluate"), "origin") == "published results"
+
+
+def test_a_cell_that_fails_fails_the_test() -> None:
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell("1 / 0", id="bad")])
+    with pytest.raises(CellExecutionError, match="ZeroDivisionError"):
+        _run(notebook, "0")
+
+
+def test_every_notebook_is_run_here_and_told_of_on_the_page() -> None:
+    assert {path.name for path in FOLDER.glob("*.ipynb")} == {f"{name}.ipynb" for name in NAMES}
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert all(f"({name}.ipynb)" in page for name in NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_notebook_is_committed_without_outputs_or_traces_of_a_machine(name: str) -> None:
+    text = (FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
+    notebook = nbformat.reads(text, as_version=nbformat.NO_CONVERT)
+    nbformat.validate(notebook)
+    assert text == nbformat.writes(notebook) + "\n"
+    assert notebook.metadata == {
+        "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+        "language_info": {"name": "python"},
+    }
+    ids = [cell.id for cell in notebook.cells]
+    assert len(set(ids)) == len(ids)
+    for cell in notebook.cells:
+        assert re.fullmatch(r"[a-z]+(-[a-z]+)*", cell.id), cell.id
+        assert set(cell.metadata) <= {"tags"}
+        if cell.cell_type == "code":
+            assert cell.outputs == []
+            assert cell.execution_count is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_commands_that_a_notebook_shows_exist(name: str) -> None:
+    shown = {
+        command
+        for cell in _read(name).cells
+        if cell.cell_type == "markdown"
+        for command in re.findall(r"^ {4}bitneat (\w+)", cell.source, re.MULTILINE)
+    }
+    assert shown
+    assert shown <= set(COMMANDS)
