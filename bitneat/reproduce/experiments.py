@@ -26,7 +26,7 @@ QUANTIZATIONS = (
     ("ternary", "gains"),
     ("ternary", "search"),
 )
-"""(target, method) of `bitneat quantize`, for each of the float champions."""
+"""(target, method) of `bitneat quantize`, for each champion of the float genome and for ARS's policy."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ BUDGETS: Mapping[str, Budget] = {
         gains_steps=None,
         linear_generations=150,
         baseline_steps={"ars": 20_000_000, "ppo": 5_000_000, "dqn": 1_000_000},
-        search_generations=60,
+        search_generations=20,
         episodes={},
     ),
     "hour": Budget(
@@ -97,7 +97,7 @@ BUDGETS: Mapping[str, Budget] = {
         gains_steps=60_000_000,
         linear_generations=120,
         baseline_steps={"ars": 2_000_000, "ppo": 500_000, "dqn": 100_000},
-        search_generations=10,
+        search_generations=5,
         episodes={},
     ),
     "smoke": Budget(
@@ -186,7 +186,14 @@ def _quantizations(budget: Budget) -> list[Job]:
         for seed in range(1, budget.seeds["default"] + 1)
         for target, method in QUANTIZATIONS
     ]
-    return [*found, _quantize(budget, "ars-ternary", "ars-0", target="ternary", method="gains", seed=0)]
+    # ARS's policy walks, whatever the float genome came to.
+    return [
+        *found,
+        *(
+            _quantize(budget, f"ars-{target}", "ars-0", target=target, method=method, seed=0)
+            for target, method in QUANTIZATIONS
+        ),
+    ]
 
 
 def _quantize(budget: Budget, system: str, source: str, *, target: str, method: str, seed: int) -> Job:

@@ -112,7 +112,7 @@ def _evolved(job: Job, folder: Path, results: Mapping[str, Result], command: str
             name: [round(float(row[name]), 2) for row in rows]
             for name in ("best", "mean", "selection", "genome_nodes", "genome_links", "best_links", "steps")
         },
-        growth=tuple(_Growth(folder).snapshots()),
+        growth=tuple(_Growth(folder).snapshots()) if job.group == "table" else (),
         notes={"selection": provenance["selection"], "champion_generation": provenance["generation"]},
     )
 

@@ -109,16 +109,12 @@ def table_one(results: Results) -> Table:
 def quantization(results: Results) -> Table:
     """Quantization after training by every method, and beside it evolving in integers and ternary from the start."""
     rows: list[tuple[Value, ...]] = []
-    for target, method in QUANTIZATIONS:
-        runs = [r for name, r in results.items() if name.startswith(f"ptq-{target}-{method}-")]
-        if runs:
-            before = statistics.fmean(r.notes["before"]["mean"] for r in runs)
-            rows.append((target, f"after training: {method}", before, *_summary(runs)))
-    runs = of_system(results, "ars-ternary")
-    if runs:
-        rows.append(
-            ("ternary", "after training: gains, of ARS's policy", runs[0].notes["before"]["mean"], *_summary(runs))
-        )
+    for prefix, source in (("ptq", "default"), ("ars", "ars")):
+        for target, method in QUANTIZATIONS:
+            runs = [r for name, r in results.items() if name.startswith(f"{prefix}-{target}-{method}-")]
+            if runs:
+                before = statistics.fmean(r.notes["before"]["mean"] for r in runs)
+                rows.append((target, f"after training of {source}: {method}", before, *_summary(runs)))
     for target, system in (("int", "int"), ("ternary", "bit"), ("ternary", "bit-gains")):
         runs = of_system(results, system)
         if runs:

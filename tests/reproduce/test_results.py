@@ -126,8 +126,8 @@ def test_tables_have_rows_for_what_was_measured_only() -> None:
         ),
     )
     assert [(row["weights"], row["method"], row["heldout_mean"]) for row in rows(quantization(results))] == [
-        ("int", "after training: round", "8"),
-        ("int", "after training: gains", "11"),
+        ("int", "after training of default: round", "8"),
+        ("int", "after training of default: gains", "11"),
     ]
     assert [row["system"] for row in rows(table_one(results))] == ["ptq-int"]
 
@@ -140,8 +140,8 @@ def test_claims_are_judged_by_their_rules() -> None:
     assert verdict(results, "22 bytes") == "does not hold"
     assert verdict(collect(result("bit-1", packed_bytes=21)), "22 bytes") == "holds"
     for after, expected in ((83.0, "holds"), (97.0, "does not hold"), (60.0, "does not hold")):
-        notes = {"before": {**SCORE, "mean": 100.0}}
-        rounded = result("ptq-int-round-1", after, system="ptq-int", group="quantization", notes=notes)
+        notes, config = {"before": {**SCORE, "mean": 100.0}}, {"source": "ars-0"}
+        rounded = result("ars-int-round-0", after, group="quantization", notes=notes, config=config)
         assert verdict(collect(rounded), "17 %") == expected
     pair = collect(result("int-1", 95.0), result("default-1", 100.0))
     assert verdict(pair, "as good as the float") == "holds"
