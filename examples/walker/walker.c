@@ -39,21 +39,38 @@ static uint8_t walker_next(const uint8_t **address)
 /* All ones where the highest bit of x is set, else 0. */
 static uint32_t walker_mask(uint32_t x)
 {
+#if defined(__clang__) && defined(__AVR__)
+    /* As below, in halves: it has no 32-bit operand there. */
+    uint16_t high = (uint16_t)(x >> 16);
+    uint16_t low;
+    __asm__("" : "+r"(high));
+    high = (uint16_t)(0U - (high >> 15));
+    __asm__("" : "+r"(high));
+    low = high;
+    __asm__("" : "+r"(low));
+    return (uint32_t)high << 16 | low;
+#else
     uint32_t mask;
-#if defined(__clang__) && !defined(__AVR__)
+#if defined(__clang__)
     __asm__("" : "+r"(x)); /* or clang may see a comparison in it, */
 #endif
     mask = 0U - (x >> 31);
-#if defined(__clang__) && !defined(__AVR__)
+#if defined(__clang__)
     __asm__("" : "+r"(mask)); /* and a choice in what is done with the mask: it makes branches of both */
 #endif
     return mask;
+#endif
 }
 
 /* x itself, of which the compiler knows nothing: so it can't turn a sum of shifts into a multiplication. */
 static uint32_t walker_opaque(uint32_t x)
 {
-#if defined(__GNUC__) && !(defined(__clang__) && defined(__AVR__)) /* clang has no 32-bit operand there */
+#if defined(__clang__) && defined(__AVR__)
+    uint16_t high = (uint16_t)(x >> 16);
+    uint16_t low = (uint16_t)x;
+    __asm__("" : "+r"(high), "+r"(low)); /* it has no 32-bit operand there */
+    x = (uint32_t)high << 16 | low;
+#elif defined(__GNUC__)
     __asm__("" : "+r"(x));
 #endif
     return x;

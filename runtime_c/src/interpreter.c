@@ -20,7 +20,12 @@ static uint32_t bn_mask(uint32_t x)
 /* x itself, of which the compiler knows nothing: so it can't turn a sum of shifts into a multiplication. */
 static uint32_t bn_opaque(uint32_t x)
 {
-#if defined(__GNUC__) && !(defined(__clang__) && defined(__AVR__)) /* clang has no 32-bit operand there */
+#if defined(__clang__) && defined(__AVR__)
+    uint16_t high = (uint16_t)(x >> 16);
+    uint16_t low = (uint16_t)x;
+    __asm__("" : "+r"(high), "+r"(low)); /* it has no 32-bit operand there */
+    x = (uint32_t)high << 16 | low;
+#elif defined(__GNUC__)
     __asm__("" : "+r"(x));
 #endif
     return x;

@@ -13,6 +13,7 @@ from bitneat.controller import Constant, Controller, DiscreteAction
 from bitneat.controller.packing import ENCODINGS
 from bitneat.native.compiler import host_compiler, identify, zig_compiler
 from bitneat.verify.cfile import CFile
+from bitneat.verify.instructions import THUMB
 from bitneat.verify.machine import Toolchain, examine
 from tests.strategies import random_controller
 
@@ -22,9 +23,9 @@ def toolchains() -> dict[str, Toolchain]:
     found = {"host": Toolchain(host_compiler())}
     zig, gcc = zig_compiler("thumb-freestanding-eabi"), identify(["arm-none-eabi-gcc"])
     assert zig is not None, "ziglang is a dependency"
-    found["zig-m0"] = Toolchain(zig, ("-mcpu=cortex_m0",), "thumb")
+    found["zig-m0"] = Toolchain(zig, ("-mcpu=cortex_m0",), THUMB)
     if gcc is not None:
-        found["gcc-m0"] = Toolchain(gcc, ("-mcpu=cortex-m0", "-mthumb"), "thumb")
+        found["gcc-m0"] = Toolchain(gcc, ("-mcpu=cortex-m0", "-mthumb"), THUMB)
     return found
 
 

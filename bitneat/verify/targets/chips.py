@@ -99,7 +99,6 @@ CHIPS: tuple[Chip, ...] = (
     ),
     Chip(
         name="i386",
-        # Not the 64-bit one with -m32: without the other half of the C library it lacks limits.h.
         gcc=("i686-linux-gnu-gcc",),
         gcc_flags=_FIXED,
         package="gcc-i686-linux-gnu",

@@ -22,15 +22,27 @@ static const uint8_t legs_weights[2] = {
 /* All ones where the highest bit of x is set, else 0. */
 static uint32_t legs_mask(uint32_t x)
 {
+#if defined(__clang__) && defined(__AVR__)
+    /* As below, in halves: it has no 32-bit operand there. */
+    uint16_t high = (uint16_t)(x >> 16);
+    uint16_t low;
+    __asm__("" : "+r"(high));
+    high = (uint16_t)(0U - (high >> 15));
+    __asm__("" : "+r"(high));
+    low = high;
+    __asm__("" : "+r"(low));
+    return (uint32_t)high << 16 | low;
+#else
     uint32_t mask;
-#if defined(__clang__) && !defined(__AVR__)
+#if defined(__clang__)
     __asm__("" : "+r"(x)); /* or clang may see a comparison in it, */
 #endif
     mask = 0U - (x >> 31);
-#if defined(__clang__) && !defined(__AVR__)
+#if defined(__clang__)
     __asm__("" : "+r"(mask)); /* and a choice in what is done with the mask: it makes branches of both */
 #endif
     return mask;
+#endif
 }
 
 /* The smaller of two values that are less than 2^31 apart. */

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bitneat.champion import Champion
+from bitneat.champion import Champion, load
 from bitneat.codegen import STYLES, Style
 from bitneat.controller import Controller, Reference
 from bitneat.verify.cfile import CFile
 from bitneat.verify.check import Settings, verify
-from bitneat.verify.implementation import ImplementationError
+from bitneat.verify.implementation import ImplementationError, entries
 from bitneat.verify.loop import Comparison, Lane
 from bitneat.verify.machine import Toolchain
 from bitneat.verify.targets import chip, select
@@ -22,6 +22,7 @@ from tests.verify.champions import champion, plain_champion, written
 CHIP_NAMES = [one.name for one in CHIPS]
 BY_NAME = {one.name: one for one in CHIPS}
 STEPS = 40
+CHAMPIONS = Path(__file__).parents[3] / "examples" / "champions"
 
 
 def ready(name: str) -> tuple[Chip, Toolchain]:
@@ -145,6 +146,26 @@ def test_ziglang_serves_where_there_is_no_gcc(name: str, tmp_path: Path, monkeyp
     for style in STYLES:
         one = emulated(name, written(whose, tmp_path, style))
         assert (one.run(inputs) == answers(whose.controller, inputs)).all()
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_what_zigs_clang_makes_for_avr_does_not_depend_on_data(
+    style: Style, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(chip, "identify", lambda command: None)
+    whose = load(CHAMPIONS / "tiny.pkl")
+    code = written(whose, tmp_path, style)
+    target, toolchain = ready("avr")
+    assert toolchain.compiler.family == "zig"
+    inputs = random_vectors(whose.controller, 1, STEPS)
+    expected = answers(whose.controller, inputs)
+    for entry in entries(code):
+        one = target.implementation(code, toolchain, entry)
+        assert (one.run(inputs) == expected).all()
+        trace = one.trace(inputs, STEPS)
+        assert trace.same_code
+        assert trace.same_data
+        one.close()
 
 
 def test_verify_fails_where_the_trace_depends_on_data(tmp_path: Path) -> None:
