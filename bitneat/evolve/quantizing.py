@@ -301,19 +301,31 @@ def _trials(candidates: Sequence[Variant], arena: Arena, episodes: int, tell: Ca
 
 
 def _smallest_first(trials: Sequence[Trial]) -> list[Trial]:
-    """The smallest of those that cannot be told from the best, within one standard error, and then the others in their order."""
-    best = trials[0].score
-    assert best is not None
-    bound = best.mean - best.std / math.sqrt(best.episodes)
-    equal = [trial for trial in trials if trial.score is not None and trial.score.mean >= bound]
+    """The smallest of those that cannot be told from the best, within its standard error, and then the others in their order.
+
+    What counts is the mean less one standard error: a walker that falls now and then has a large one, and is not the better for it.
+    """
+    least = _sure(trials[0]) - _error(trials[0])
+    equal = [trial for trial in trials if _sure(trial) >= least]
     chosen = min(equal, key=lambda trial: (len(pack(trial.candidate.controller)), _order(trial)))
     return [chosen, *(trial for trial in trials if trial is not chosen)]
 
 
-def _order(trial: Trial) -> tuple[float, int, str]:
+def _error(trial: Trial) -> float:
+    """Standard error of the mean."""
     assert trial.score is not None
+    return trial.score.std / math.sqrt(trial.score.episodes)
+
+
+def _sure(trial: Trial) -> float:
+    """The mean less one standard error."""
+    assert trial.score is not None
+    return trial.score.mean - _error(trial)
+
+
+def _order(trial: Trial) -> tuple[float, int, str]:
     controller = trial.candidate.controller
-    return -trial.score.mean, len(pack(controller)), controller.sha256
+    return -_sure(trial), len(pack(controller)), controller.sha256
 
 
 def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[[str], None]) -> list[Trial]:

@@ -114,7 +114,7 @@ static void run_all(int32_t lanes, int32_t threads)
         if (bn_open(&controllers[i], blobs[i], blob_sizes[i]) != BN_OK || bn_validate(&controllers[i], workspace) != BN_OK) {
             exit(6);
         }
-        const struct policy policy = {&controllers[i], factor[i], limit[i], actions[i], one, (uint32_t)rays};
+        const struct policy policy = {&controllers[i], NULL, factor[i], limit[i], actions[i], one, (uint32_t)rays};
         policies[i] = policy;
     }
     get(seeds, sizeof seeds);

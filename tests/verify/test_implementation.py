@@ -35,13 +35,13 @@ def test_the_c_file_computes_what_the_reference_does(style: str, entry: str, rec
 
 
 def test_the_file_itself_is_what_is_compiled(tmp_path: Path) -> None:
-    code = edited(written(plain_champion(), tmp_path), "action[0] = (int16_t)n0;", "action[0] = 99;")
+    code = edited(written(plain_champion(), tmp_path), "action[0] = legs_signal(n0);", "action[0] = 99;")
     with HostC(code) as running:
         assert running.step(np.zeros(3, dtype=np.int16)).tolist() == [99]
 
 
 def test_an_output_that_is_never_written_shows(tmp_path: Path) -> None:
-    code = edited(written(plain_champion(), tmp_path), "action[0] = (int16_t)n0;", "(void)action; (void)n0;")
+    code = edited(written(plain_champion(), tmp_path), "action[0] = legs_signal(n0);", "(void)action; (void)n0;")
     with HostC(code) as running:
         assert running.step(np.zeros(3, dtype=np.int16)).tolist() == [-32768]
 
@@ -71,7 +71,9 @@ def test_a_choice_among_actions_is_the_codes_own(tmp_path: Path) -> None:
 
 
 def test_a_crash_is_a_finding_and_not_the_end(tmp_path: Path) -> None:
-    code = edited(written(plain_champion(), tmp_path), "action[0] = (int16_t)n0;", "*(volatile int *)0 = 1; (void)n0;")
+    code = edited(
+        written(plain_champion(), tmp_path), "action[0] = legs_signal(n0);", "*(volatile int *)0 = 1; (void)n0;"
+    )
     with HostC(code) as running, pytest.raises(ImplementationError, match=r"crashed \(SIG(SEGV|ILL|TRAP)\)"):
         running.step(np.zeros(3, dtype=np.int16))
 

@@ -27,9 +27,12 @@ def test_generated_code_keeps_its_promises(tmp_path: Path) -> None:
     [
         ("static int16_t calls; calls++; if (calls > 9) return;", "bytes of static data in .bss"),
         ("extern int16_t elsewhere(void); (void)elsewhere();", "needs elsewhere from elsewhere"),
-        ("volatile int32_t product = x0; product = product * x1;", "mul is a multiplication or division"),
-        ("volatile int32_t product = x0; product = product / 7;", "is a multiplication or division"),
-        ("if (x0 > 3) { volatile int stop = x0; (void)stop; }", "is a conditional branch"),
+        (
+            "volatile int32_t product = observation[0]; product = product * observation[1];",
+            "mul is a multiplication or division",
+        ),
+        ("volatile int32_t product = observation[0]; product = product / 7;", "is a multiplication or division"),
+        ("if (observation[0] > 3) { volatile int stop = 1; (void)stop; }", "is a conditional branch"),
     ],
 )
 def test_what_breaks_them_is_found(line: str, violation: str, tmp_path: Path) -> None:
