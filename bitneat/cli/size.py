@@ -13,9 +13,10 @@ from bitneat.cli.columns import columns
 if TYPE_CHECKING:
     from bitneat.verify.size import SizeReport
 
-HELP = "say what a champion takes: links, packed bytes, flash, RAM and stack"
+HELP = "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step"
 EXAMPLE = """\
   bitneat size champion.pkl
+  bitneat size champion.pkl --targets all
   bitneat size champion.pkl --targets cortex-m0 --json size.json"""
 
 
@@ -50,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.verify.targets import select
 
     champion = load(args.champion)
-    report = measure_sizes(champion, select(target_names(args.targets), run=False))
+    names = target_names(args.targets)
+    report = measure_sizes(champion, select(names, run=False), speed=names is not None)
     print(render(report))
     if args.json is not None:
         write_json(args.json, report.to_data())
@@ -71,31 +73,39 @@ def render(report: SizeReport) -> str:
             for bits in report.packed
         ],
     )
-    smallest = report.smallest
+    smallest, fastest = report.smallest, report.fastest
     rows = []
     for entry in report.compiled:
-        examination, device = entry.report.examination, device_of(entry)
-        mark = "smallest" if smallest[device] == entry.report.style else ""
+        examination, device, timing = entry.report.examination, device_of(entry), entry.report.timing
+        winners = {"smallest": smallest, "fastest": fastest}
+        marks = [mark for mark, best in winners.items() if best.get(device) == entry.report.style]
         rows.append(
             (
                 device,
                 entry.report.style,
                 examination.flash,
                 examination.ram,
-                examination.stack,
+                entry.report.stack,
                 entry.table_bytes,
+                None if timing is None else _span(timing.step.instructions),
+                None if timing is None else timing.cycles,
                 entry.report.compiler,
-                mark,
+                ", ".join(marks),
             )
         )
-    compiled = columns(("target", "style", "flash", "RAM", "stack", "table", "compiler", ""), rows)
+    headings = ("target", "style", "flash", "RAM", "stack", "table", "instructions", "cycles", "compiler", "")
+    compiled = columns(headings, rows)
     return "\n".join(
         (
             f"controller {controller['sha256'][:12]}: {controller['nodes']} nodes, {controller['links']} links, {kind}",
             f"packed: {controller['packed_bytes']} bytes, all included",
             packed,
             f"the paper's formula (1.5 bits a link, the topology left out): {controller['paper_bytes']} bytes",
-            "compiled, in bytes:",
+            "compiled, in bytes, and what a step takes:",
             compiled,
         )
     )
+
+
+def _span(ends: tuple[int, int]) -> int | str:
+    return ends[0] if ends[0] == ends[1] else f"{ends[0]}-{ends[1]}"

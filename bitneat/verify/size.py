@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Where a controller's bytes are: in the packed form part by part, and as compiled in each style on each target."""
+"""Where a controller's bytes are, packed and compiled in each style on each target, and what a step takes there."""
 
 from __future__ import annotations
 
@@ -13,10 +13,19 @@ from bitneat.champion import Champion
 from bitneat.codegen import STYLES, Style, generate
 from bitneat.controller import Controller
 from bitneat.controller.packing import ENCODINGS, Layout, PackedFormatError, pack_blob
+from bitneat.errors import BitneatError
 from bitneat.verify.cfile import CFile
 from bitneat.verify.check import TargetReport, controller_data
-from bitneat.verify.machine import examine
+from bitneat.verify.implementation import ImplementationError
+from bitneat.verify.machine import Examination, examine
 from bitneat.verify.targets import ReadyTarget
+from bitneat.verify.targets.chip import Chip
+from bitneat.verify.timing import Timing, entry_timing, excess
+from bitneat.verify.vectors import random_vectors
+
+_STEPS = 8
+"""How many steps are counted: the addresses executed are those of any others, which verify shows for thousands."""
+_SEED = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +106,23 @@ class SizeReport:
                 best[device] = entry
         return {device: entry.report.style for device, entry in best.items()}
 
+    @property
+    def fastest(self) -> dict[str, Style]:
+        """For each device on which every style was counted the one that takes less: cycles, else instructions."""
+        devices: dict[str, list[CompiledSize]] = {}
+        for entry in self.compiled:
+            devices.setdefault(device_of(entry), []).append(entry)
+        best: dict[str, Style] = {}
+        for device, entries in devices.items():
+            timings = {entry.report.style: entry.report.timing for entry in entries}
+            known = {style: timing for style, timing in timings.items() if timing is not None}
+            if len(known) < len(STYLES):
+                continue
+            cycles = {style: timing.cycles for style, timing in known.items() if timing.cycles is not None}
+            counts = cycles if len(cycles) == len(known) else {s: one.step.instructions[1] for s, one in known.items()}
+            best[device] = min(counts, key=counts.__getitem__)
+        return best
+
     def to_data(self) -> dict[str, Any]:
         """The content of ``size --json``."""
         return {
@@ -104,6 +130,7 @@ class SizeReport:
             "packed": [bits.to_data() for bits in self.packed],
             "targets": [entry.to_data() for entry in self.compiled],
             "smallest": self.smallest,
+            "fastest": self.fastest,
         }
 
 
@@ -112,11 +139,16 @@ def device_of(entry: CompiledSize) -> str:
     return entry.report.name.removesuffix(f"-{entry.report.style}")
 
 
-def measure_sizes(champion: Champion, targets: Sequence[ReadyTarget]) -> SizeReport:
+def measure_sizes(champion: Champion, targets: Sequence[ReadyTarget], *, speed: bool = False) -> SizeReport:
     """Generate both styles, compile them for every target, and measure.
 
+    Args:
+        champion: whose controller.
+        targets: from `bitneat.verify.targets.select`.
+        speed: whether to count the instructions of some steps too, where an emulator is there.
+
     Raises:
-        BitneatError: if the controller cannot be generated, or a compiler refuses it.
+        BitneatError: if the controller cannot be generated, a compiler refuses it, or its code crashes.
     """
     compiled = []
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
@@ -132,15 +164,34 @@ def measure_sizes(champion: Champion, targets: Sequence[ReadyTarget]) -> SizeRep
             file = CFile.write(code, Path(folder), style)
             for ready in targets:
                 if style in ready.target.styles:
+                    examination = examine(file, ready.toolchain)
                     report = TargetReport(
                         name=ready.target.name,
                         compiler=ready.toolchain.compiler.title,
                         style=style,
                         steps_compared=None,
                         mismatches=None,
-                        examination=examine(file, ready.toolchain),
+                        examination=examination,
+                        timing=_count(champion.controller, file, ready, examination) if speed else None,
                     )
                     compiled.append(CompiledSize(report, code.table_bytes, code.encoding))
     names = [ready.target.name for ready in targets]
     compiled.sort(key=lambda entry: names.index(entry.report.name))
     return SizeReport(champion.controller, tuple(packed_bits(champion.controller)), tuple(compiled))
+
+
+def _count(controller: Controller, code: CFile, ready: ReadyTarget, examination: Examination) -> Timing | None:
+    """What ``name_step`` takes; None without an emulator, or of code that is not fit to be run there."""
+    target = ready.target
+    if not isinstance(target, Chip) or target.missing_to_run() is not None or examination.violations:
+        return None
+    if excess(target, code, examination.flash, examination.ram, examination.stack) is not None:
+        return None
+    emulated = target.implementation(code, ready.toolchain, "step")
+    try:
+        trace = emulated.trace(random_vectors(controller, _SEED, _STEPS), _STEPS)
+    except ImplementationError as error:
+        raise BitneatError(f"{emulated.title}: {error}") from error
+    finally:
+        emulated.close()
+    return Timing({"step": entry_timing(target, emulated.image, trace)}, _STEPS)

@@ -8,9 +8,13 @@ import pytest
 from bitneat.champion import save_pickle
 from bitneat.cli.main import main
 from bitneat.controller.packing import ENCODINGS, pack
+from bitneat.verify.check import Settings, verify
 from bitneat.verify.size import packed_bits
+from bitneat.verify.targets import select
+from bitneat.verify.targets.chip import Chip
+from bitneat.verify.targets.unicorn_emulator import UnicornEmulator
 from tests.strategies import random_controller
-from tests.verify.champions import champion, plain_champion
+from tests.verify.champions import champion, plain_champion, written
 
 
 def test_both_styles_on_every_target_are_measured(
@@ -41,8 +45,50 @@ def test_both_styles_on_every_target_are_measured(
     flash = {entry["style"]: entry["flash_bytes"] for entry in data["targets"][2:]}
     assert data["smallest"]["cortex-m0"] == min(flash, key=flash.__getitem__)
     assert set(data["smallest"]) == {"host", "cortex-m0"}
-    for text in ("cortex-m0", "the topology left out", "rice", "smallest", f"{canonical.num_links} links"):
+    assert data["fastest"] == {"cortex-m0": "unrolled"}  # there is no emulator of the host
+    for text in ("cortex-m0", "the topology left out", "rice", "smallest", "fastest", f"{canonical.num_links} links"):
         assert text in out
+
+
+def measured(path: Path, *arguments: str) -> dict[tuple[str, str], dict[str, object]]:
+    assert main(["size", str(path), *arguments, "--json", str(path.with_name("size.json"))]) == 0
+    data = json.loads(path.with_name("size.json").read_text())
+    return {(entry["name"], entry["style"]): entry for entry in data["targets"]}
+
+
+def test_the_counts_are_those_that_verify_finds(tmp_path: Path) -> None:
+    whose = champion(seed=3)
+    save_pickle(whose, tmp_path / "c.pkl")
+    names = ["cortex-m0", "rv32imc"]
+    found = measured(tmp_path / "c.pkl", "--targets", ",".join(names))
+    report = verify(whose, written(whose, tmp_path), select(names), Settings(1, max_steps=2, vectors=20))
+    assert len(report.targets) == 4
+    for entry in report.targets:
+        assert entry.timing is not None
+        size = found[entry.name, entry.style]
+        assert size["instructions_per_step"] == entry.timing.instructions_per_step
+        assert size["cycles_per_step"] == entry.timing.cycles
+    assert [found[name, "table"]["cycles_per_step"] is None for name in names] == [False, True]
+
+
+def test_without_an_emulator_no_style_is_called_the_fastest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(UnicornEmulator, "missing", lambda emulator: "the emulator unicorn")
+    save_pickle(plain_champion(), tmp_path / "c.pkl")
+    found = measured(tmp_path / "c.pkl", "--targets", "cortex-m0")
+    assert {entry["instructions_per_step"] for entry in found.values()} == {None}
+    assert json.loads((tmp_path / "size.json").read_text())["fastest"] == {}
+    assert "fastest" not in capsys.readouterr().out
+
+
+def test_nothing_is_run_unless_targets_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object) -> None:
+        raise AssertionError("runs code")
+
+    monkeypatch.setattr(Chip, "implementation", refuse)
+    save_pickle(plain_champion(), tmp_path / "c.pkl")
+    assert all(entry["instructions_per_step"] is None for entry in measured(tmp_path / "c.pkl").values())
 
 
 @pytest.mark.parametrize("seed", range(20))
