@@ -95,7 +95,7 @@ def test_the_addresses_executed_and_touched_are_those_of_every_input(name: str, 
     assert int(trace.instructions[0]) == len(trace.path) or not trace.addresses
 
 
-BRANCH = "if (x0 > 3) { volatile int16_t stop = x1; (void)stop; }"
+BRANCH = "if (observation[0] > 3) { volatile int16_t stop = observation[1]; (void)stop; }"
 
 
 @pytest.mark.parametrize("name", CHIP_NAMES)
@@ -110,7 +110,7 @@ def test_a_branch_on_an_observation_shows_in_the_trace(name: str, tmp_path: Path
 @pytest.mark.parametrize("name", [one.name for one in CHIPS if one.name != "wasm32"])
 def test_an_address_that_depends_on_an_observation_shows_in_the_trace(name: str, tmp_path: Path) -> None:
     whose = plain_champion()
-    code = with_line(written(whose, tmp_path), "{ volatile int16_t slots[4]; slots[(uint16_t)x0 & 3U] = 1; }")
+    code = with_line(written(whose, tmp_path), "{ volatile int16_t slots[4]; slots[(uint16_t)observation[0] & 3U] = 1; }")
     trace = emulated(name, code).trace(np.array([[0, 1, 2], [1, 1, 2]], dtype=np.int16), 2)
     assert not trace.same_data
 
@@ -130,7 +130,7 @@ def test_what_does_not_come_back_is_stopped(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["cortex-m0", "rv32imc", "x86-64", "ppc", "wasm32"])
 def test_what_strays_crashes_and_can_be_restarted(name: str, tmp_path: Path) -> None:
-    line = "if (x0 == 7) { *(volatile int *)(uintptr_t)0xf0000000U = 1; }"
+    line = "if (observation[0] == 7) { *(volatile int *)(uintptr_t)0xf0000000U = 1; }"
     one = emulated(name, with_line(written(plain_champion(), tmp_path), line))
     with pytest.raises(ImplementationError, match="crashed"):
         one.step(np.array([7, 0, 0], dtype=np.int16))
