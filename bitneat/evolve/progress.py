@@ -115,11 +115,14 @@ class _Clock:
         self.completed = 0
         self._first = 0
         self._seconds: float | None = None
+        self._most_steps = self._first_steps = self._steps = 0
         self._began = self._last = 0.0
 
     def start(self, search: Search, generations: int, seconds: float | None) -> None:
         self.generations, self._seconds = generations, seconds
         self.completed = self._first = search.generation
+        self._most_steps = search.config["evolve"]["max_total_steps"]
+        self._first_steps = self._steps = search.total_steps
         self._began = self._last = time.monotonic()
 
     def columns(self, row: Generation, best: Candidate | None) -> dict[str, str]:
@@ -128,6 +131,10 @@ class _Clock:
         self.completed = row.generation + 1
         done = self.completed - self._first
         left = (now - self._began) / done * (self.generations - self.completed)
+        self._steps += row.steps
+        if self._most_steps:
+            pace = (now - self._began) / max(self._steps - self._first_steps, 1)
+            left = min(left, max(self._most_steps - self._steps, 0) * pace)
         if self._seconds is not None:
             left = min(left, max(self._seconds - (now - self._began), 0.0))
         return {

@@ -110,7 +110,9 @@ def test_a_branch_on_an_observation_shows_in_the_trace(name: str, tmp_path: Path
 @pytest.mark.parametrize("name", [one.name for one in CHIPS if one.name != "wasm32"])
 def test_an_address_that_depends_on_an_observation_shows_in_the_trace(name: str, tmp_path: Path) -> None:
     whose = plain_champion()
-    code = with_line(written(whose, tmp_path), "{ volatile int16_t slots[4]; slots[(uint16_t)observation[0] & 3U] = 1; }")
+    code = with_line(
+        written(whose, tmp_path), "{ volatile int16_t slots[4]; slots[(uint16_t)observation[0] & 3U] = 1; }"
+    )
     trace = emulated(name, code).trace(np.array([[0, 1, 2], [1, 1, 2]], dtype=np.int16), 2)
     assert not trace.same_data
 
