@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: MIT
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bitneat.champion import Champion, load
+from bitneat.cli.main import main
 from bitneat.codegen import STYLES, Style
 from bitneat.controller import Controller, Reference
+from bitneat.errors import BitneatError
 from bitneat.verify.cfile import CFile
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.implementation import ImplementationError, entries
 from bitneat.verify.loop import Comparison, Lane
 from bitneat.verify.machine import Toolchain
-from bitneat.verify.targets import chip, select
+from bitneat.verify.targets import TARGETS, chip, select
 from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.chips import CHIPS
 from bitneat.verify.targets.emulated import EmulatedC
@@ -39,19 +45,36 @@ def answers(controller: Controller, inputs: np.ndarray) -> np.ndarray:
     return np.array(Reference(controller).run(inputs.tolist()))
 
 
-@pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("name", CHIP_NAMES)
-def test_a_chip_computes_what_the_reference_computes(name: str, style: Style, tmp_path: Path) -> None:
+@dataclass(frozen=True)
+class Built:
+    """One champion's C, linked and loaded once for all tests of a chip and style."""
+
+    name: str
+    code: CFile
+    whose: Champion
+    step: EmulatedC
+    inputs: np.ndarray
+    expected: np.ndarray
+
+
+@pytest.fixture(scope="module", params=list(product(CHIP_NAMES, STYLES)), ids=lambda param: f"{param[0]}-{param[1]}")
+def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Built]:
+    name, style = request.param
     whose = champion(seed=3, recurrent=True)
+    code = written(whose, tmp_path_factory.mktemp(name), style)
     inputs = random_vectors(whose.controller, 1, STEPS)
-    expected = answers(whose.controller, inputs)
-    target, toolchain = ready(name)
-    for one in target.implementations(written(whose, tmp_path, style), toolchain):
+    one = emulated(name, code)
+    yield Built(name, code, whose, one, inputs, answers(whose.controller, inputs))
+    one.close()
+
+
+def test_a_chip_computes_what_the_reference_computes(built: Built) -> None:
+    for entry in entries(built.code):
+        one = built.step if entry == "step" else emulated(built.name, built.code, entry)
         one.reset()
-        assert (one.run(inputs) == expected).all()
+        assert (one.run(built.inputs) == built.expected).all()
         one.reset()
-        assert [one.step(row).tolist() for row in inputs[:5]] == expected[:5].tolist()
-        one.close()
+        assert [one.step(row).tolist() for row in built.inputs[:5]] == built.expected[:5].tolist()
 
 
 @pytest.mark.parametrize("name", CHIP_NAMES)
@@ -64,30 +87,23 @@ def test_a_chip_chooses_as_the_action_space_says(name: str, tmp_path: Path) -> N
     assert one.decide(outputs[0]) == expected[0]
 
 
-@pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("name", CHIP_NAMES)
-def test_one_instruction_that_a_compiler_got_wrong_is_caught(name: str, style: Style, tmp_path: Path) -> None:
-    whose = champion(seed=3)
-    inputs = random_vectors(whose.controller, 1, STEPS)
-    sound = emulated(name, written(whose, tmp_path, style))
-    faults = sound.faults(inputs)
+def test_one_instruction_that_a_compiler_got_wrong_is_caught(built: Built) -> None:
+    faults = built.step.faults(built.inputs)
     assert len(faults) >= 3
     tried = faults[:: max(len(faults) // 4, 1)]
     lanes = [Lane(faulty) for _, faulty in tried]
-    comparison = Comparison(whose.controller, whose.action, [Lane(sound), *lanes])
-    comparison.vectors(inputs, STEPS)
+    comparison = Comparison(built.whose.controller, built.whose.action, [Lane(built.step), *lanes])
+    comparison.vectors(built.inputs, STEPS)
     assert comparison.lanes[0].mismatches == 0
     missed = [what for (what, _), lane in zip(tried, lanes, strict=True) if lane.first is None]
     # An addition may be one of zero, for these inputs or for all.
     assert len(missed) <= len(tried) // 4, missed
+    for _, faulty in tried:
+        faulty.close()
 
 
-@pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("name", CHIP_NAMES)
-def test_the_addresses_executed_and_touched_are_those_of_every_input(name: str, style: Style, tmp_path: Path) -> None:
-    whose = champion(seed=4, recurrent=True)
-    one = emulated(name, written(whose, tmp_path, style))
-    trace = one.trace(random_vectors(whose.controller, 1, STEPS), STEPS)
+def test_the_addresses_executed_and_touched_are_those_of_every_input(built: Built) -> None:
+    trace = built.step.trace(built.inputs, STEPS)
     assert trace.steps == STEPS
     assert trace.same_code
     assert trace.same_data
@@ -222,12 +238,36 @@ def big_champion() -> Champion:
     return Champion(controller, whose.action, whose.environment)
 
 
-def test_a_controller_too_large_for_the_chip_is_bad_input(tmp_path: Path) -> None:
-    from bitneat.errors import BitneatError
+def test_a_controller_too_large_for_the_chip_is_bad_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TARGETS, "rv32ec", replace(BY_NAME["rv32ec"], ram=16))
+    code = written(plain_champion(), tmp_path, "table")
+    with pytest.raises(BitneatError, match=r"--targets rv32ec: legs.c .* needs \d+ bytes of RAM .*the CH32V003 has 16"):
+        verify(plain_champion(), code, select(["host-table", "rv32ec"]), Settings(1, max_steps=3))
 
+
+@pytest.mark.long
+def test_a_controller_of_two_thousand_bytes_of_signals_is_too_large_for_the_ch32v003(tmp_path: Path) -> None:
     whose = big_champion()
     code = written(whose, tmp_path, "table")
     with pytest.raises(
         BitneatError, match=r"--targets rv32ec: legs.c \(style .*\) needs \d+ bytes of .*the CH32V003 has"
     ):
         verify(whose, code, select(["host-table", "rv32ec"]), Settings(1, max_steps=3))
+
+
+@pytest.mark.long
+def test_the_committed_walker_is_the_same_on_every_target(tmp_path: Path) -> None:
+    """With 100,000 vectors and three episodes: what the acceptance of the targets asks for."""
+    result = tmp_path / "out.json"
+    assert (
+        main(["verify", str(CHAMPIONS / "walker.pkl"), "--targets", "all", "--episodes", "3", "--json", str(result)])
+        == 0
+    )
+    report = json.loads(result.read_text())
+    assert report["verdict"] == "pass"
+    assert {target["name"] for target in report["targets"]} == set(TARGETS)
+    assert len(report["targets"]) == 2 + 2 * len(CHIPS)
+    for target in report["targets"]:
+        assert target["mismatches"] == 0, target["name"]
+        assert target["steps_compared"] >= 100_000, target["name"]
+        assert target["trace"] is None or target["trace"]["data_independent"] is not False, target["name"]
