@@ -160,7 +160,7 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
     from dataclasses import replace
 
-    from bitneat.evolve.config import load
+    from bitneat.evolve.config import load, parse
     from bitneat.evolve.run import Stage
     from bitneat.sim.walker.trigonometry import refuse_other
 
@@ -169,6 +169,10 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
     if args.config is not None:
         stage = Stage(folder.generations(), settings.config.text)
         settings = replace(settings, config=load(args.config), earlier=(*settings.earlier, stage))
+    for key in ("linear_generations", "linear_population"):
+        before = (settings.earlier[-1] if settings.earlier else None) and parse(settings.earlier[-1].config, "run.json")
+        if args.config is not None and before and before["evolve"][key] != settings.config["evolve"][key]:
+            raise BitneatError(f"--config {args.config}: [evolve] {key}: a run that has begun keeps its linear start")
     config = _with_generations(settings.config, args.generations)
     done, wanted = folder.generations(), config["evolve"]["generations"]
     if wanted < done and (args.config, args.generations) != (None, None):

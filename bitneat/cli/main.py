@@ -52,7 +52,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
-    "size": ("bitneat.cli.size", "say what a champion takes: links, packed bytes, flash, RAM and stack"),
+    "size": (
+        "bitneat.cli.size",
+        "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step",
+    ),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
     "import": (

@@ -39,7 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help="where all of it goes (default runs/reproduce-BUDGET)"
     )
-    parser.add_argument("--only", metavar="PATTERN", action="append", help="only jobs whose name matches, as in bit-*")
+    parser.add_argument(
+        "--only",
+        metavar="PATTERN",
+        action="append",
+        help="only jobs whose name matches, as in bit-*, and those they need",
+    )
     parser.add_argument("--list", action="store_true", help="print the jobs, and which are done, and stop")
     parser.add_argument(
         "--workers", metavar="N", type=whole_number(1), help="jobs at the same time (default: one a core)"
@@ -95,7 +100,14 @@ def _chosen(all_jobs: list[Job], patterns: list[str] | None) -> list[Job]:
     for pattern in patterns:
         if not any(fnmatchcase(job.name, pattern) for job in all_jobs):
             raise BitneatError(f"--only {pattern}: matches no job; --list shows them")
-    return [job for job in all_jobs if any(fnmatchcase(job.name, pattern) for pattern in patterns)]
+    wanted = {job.name for job in all_jobs if any(fnmatchcase(job.name, pattern) for pattern in patterns)}
+    by_name = {job.name: job for job in all_jobs}
+    pending = list(wanted)
+    while pending:  # what they need, too
+        needed = set(by_name[pending.pop()].after) - wanted
+        wanted |= needed
+        pending += needed
+    return [job for job in all_jobs if job.name in wanted]
 
 
 def _claim_folder(folder: Path, budget: str) -> None:

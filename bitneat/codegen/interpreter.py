@@ -316,6 +316,8 @@ def fits_unsigned(controller: Controller, encoding: str) -> bool:
     layout = Layout(controller)
     if encoding != "bytes" or layout.has_general_bias or set(layout.activations) - {"identity", "clamped"}:
         return False
+    if "clamped" not in layout.activations:
+        return False  # identities alone are clipped to a signal, whose range takes more than 16 bits
     clamped = controller.one
     for node, bounds in zip(controller.nodes, intervals(controller).nodes, strict=True):
         largest = WORD_SIGNAL_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped

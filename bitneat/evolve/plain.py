@@ -16,6 +16,7 @@ from neat.attributes import BaseAttribute, BoolAttribute, FloatAttribute, String
 from neat.genes import BaseGene, DefaultConnectionGene
 from neat.genome import DefaultGenome, DefaultGenomeConfig
 
+from bitneat.errors import BitneatError
 from bitneat.evolve.genome import Indexer
 
 WEIGHTS = ("float", "integer", "ternary")
@@ -239,6 +240,9 @@ def wiring(genome: PlainGenome, num_outputs: int) -> Wiring:
 
     A link of weight zero counts. A hidden node without links is there, as a constant. Nodes come in layers of those whose sources
     are known, by key, which neat-python leaves to sets.
+
+    Raises:
+        BitneatError: if links form a cycle, which those of a damaged file may.
     """
     into: dict[int, list[DefaultConnectionGene]] = {key: [] for key in genome.nodes}
     for link in genome.connections.values():
@@ -257,6 +261,8 @@ def wiring(genome: PlainGenome, num_outputs: int) -> Wiring:
     waiting = sorted(needed)
     while waiting:
         ready = [key for key in waiting if all(link.key[0] < 0 or link.key[0] in placed for link in into[key])]
+        if not ready:
+            raise BitneatError(f"nodes {', '.join(map(str, waiting[:5]))}: form a cycle")
         order.extend(ready)
         placed.update(ready)
         waiting = [key for key in waiting if key not in placed]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -241,10 +242,18 @@ class Search:
         return self.history[-1]
 
     def _populate(self, controllers: Sequence[Controller]) -> None:
-        """A population of these controllers' genomes in turn, all but the first of each mutated."""
+        """A population of these controllers' genomes in turn, all but the first of each mutated.
+
+        A controller that no genome is like (one with a constant output, say) is left out; without any the population stays.
+        """
         settings = self._neat_config.genome_config
         settings.innovation_tracker = self.population.reproduction.innovation_tracker
-        ancestors = [genome_from_controller(0, controller, settings) for controller in controllers]
+        ancestors = []
+        for controller in controllers:
+            with contextlib.suppress(BitneatError):
+                ancestors.append(genome_from_controller(0, controller, settings))
+        if not ancestors:
+            return
         population: dict[int, Any] = {}
         for index in range(self.config["NEAT"]["pop_size"]):
             key = next(self.population.reproduction.genome_indexer)

@@ -109,9 +109,8 @@ def _page(results: Results, budget: Budget, made: Sequence[Table], figures: Sequ
     by_name = {table.name: table for table in made}
     parts = [
         "# The Bit-Pedal Walker paper, run again",
-        "Written by `bitneat reproduce"
-        + (f" --budget {budget.name}" if budget.name != "paper" else "")
-        + "`; nothing on this page is typed by hand. `results/` holds what each run came to, the CSV files all figures.",
+        f"Written by `bitneat reproduce --budget {budget.name}`; nothing on this page is typed by hand. `results/` holds what each"
+        " run came to, the CSV files all figures.",
         _budget_text(budget),
         "## Table 1",
         "`heldout mean ± std` is the official reward over 100 episodes that nothing was chosen on, of the median run's champion;"

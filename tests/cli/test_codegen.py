@@ -88,5 +88,5 @@ def test_the_walkers_hundred_links_become_a_table(folder: Path) -> None:
 
     save_pickle(champion_of(hundred_links()), folder / "hundred.pkl")
     assert main(["codegen", "hundred.pkl", "-o", "walker.c"]) == 0
-    assert "walker_blob" in (folder / "walker.c").read_text()
+    assert "walker_body" in (folder / "walker.c").read_text()
     assert champions.load("hundred.pkl").controller.num_links == 100

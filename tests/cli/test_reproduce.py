@@ -95,7 +95,6 @@ def test_the_list_says_what_is_done(reproduced: Path, capsys: pytest.CaptureFixt
     ("arguments", "message"),
     [
         (["--only", "nothing-*"], "--only nothing-*: matches no job"),
-        (["--only", "ptq-int-round-1"], "ptq-int-round-1: needs default-1"),
     ],
 )
 def test_a_choice_that_cannot_run_is_one_line(
@@ -105,6 +104,14 @@ def test_a_choice_that_cannot_run_is_one_line(
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_job_brings_those_that_it_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = str(tmp_path / "new")
+    assert main(["reproduce", "--budget", "smoke", "-o", folder, "--list", "--only", "ptq-int-round-1"]) == 0
+    assert capsys.readouterr().out.splitlines() == ["open  default-1", "open  ptq-int-round-1"]
+    assert main(["reproduce", "--budget", "smoke", "-o", folder, "--list", "--only", "softmax-1"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 10
 
 
 def test_budgets_do_not_meet_in_one_folder(reproduced: Path, capsys: pytest.CaptureFixture[str]) -> None:

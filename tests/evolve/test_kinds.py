@@ -123,6 +123,14 @@ def test_after_the_linear_start_the_population_is_made_of_its_policy() -> None:
     assert set(search.population.species.genome_to_species) == set(search.population.population)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_linear_start_that_leads_nowhere_does_not_end_the_run(seed: int, tmp_path: Path) -> None:
+    # After one generation some outputs' weights round to 0 and are constants, which no genome has.
+    settings = settings_of("bit-gains")
+    config = settings.config.with_values("evolve", linear_generations=1, generations=3)
+    assert evolve(RunFolder(tmp_path / "run"), RunSettings(settings.environment, config, seed)).finished
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_genome_made_of_a_controller_lowers_to_it_again(seed: int) -> None:
     info = inspect(EnvironmentSpec("Acrobot-v1"))

@@ -11,6 +11,7 @@ from neat.innovation import InnovationTracker
 from neat.nn import FeedForwardNetwork
 
 from bitneat.controller import Controller, Encoder, Input, Link, Node, Signal
+from bitneat.errors import BitneatError
 from bitneat.evolve.config import ConfigError, parse
 from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.lowering import lower_float, lower_integer, with_shared_weight
@@ -137,6 +138,16 @@ def test_a_genome_comes_back_from_plain_data(weights: str) -> None:
     again = plain_from_data(data, weights, activations)
     assert plain_to_data(again, activations) == data
     assert list(again.connections) == list(genome.connections)
+
+
+def test_a_cycle_in_a_damaged_genome_is_found() -> None:
+    genome = grown(settings("ternary"), 5)
+    link = type(next(iter(genome.connections.values())))
+    for key in ((0, 1), (1, 0)):
+        genome.connections[key] = link(key, innovation=0)
+        genome.connections[key].weight, genome.connections[key].enabled = 1, True
+    with pytest.raises(BitneatError, match="form a cycle"):
+        wiring(genome, NUM_OUTPUTS)
 
 
 def test_a_shared_weight_scales_every_link() -> None:

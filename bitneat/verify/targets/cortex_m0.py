@@ -27,15 +27,17 @@ def cycles(code: bytes, address: int, path: tuple[int, ...]) -> int:
     """
     total = 0
     timed: dict[tuple[int, bool], int] = {}
+    sizes: dict[int, int] = {}
     for here, following in zip(path, (*path[1:], -1), strict=True):
         key = (here, False)
         if key not in timed:
             one = next(THUMB.disassemble(code[here - address : here - address + 4], here), None)
             if one is None:
                 raise BitneatError(f"{here:#x}: cannot disassemble what was executed")
+            sizes[here] = one.size
             timed[here, False], timed[here, True] = _cycles(one)
             timed[here, True] = timed[here, True] if one.size == 2 else timed[here, False]
-        straight = following in (here + 2, here + 4)
+        straight = following == here + sizes[here]  # a branch over one instruction is a branch
         total += timed[here, not straight]
     return total
 
