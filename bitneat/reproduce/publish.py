@@ -123,7 +123,7 @@ def _page(results: Results, budget: Budget, made: Sequence[Table], figures: Sequ
         markdown(by_name["quantization"]),
         "## Softmax sampling",
         markdown(by_name["grid"]),
-        "## Scenarios a fitness, at equal episodes in all",
+        "## Scenarios a fitness, at equal nominal episodes (copies do not run again)",
         markdown(by_name["scenarios"]),
         "## Trained flat, tested on the hardcore terrain",
         markdown(by_name["hardcore"]),

@@ -53,7 +53,7 @@ def tables(results: Results) -> list[Table]:
 def of_system(results: Results, system: str) -> list[Result]:
     """The runs behind a system's row in Table 1."""
     if system == "ars-ternary":
-        return [r for r in results.values() if r.system == system]
+        return [r for name, r in results.items() if name.startswith("ars-ternary-gains-")]
     if system.startswith("ptq-"):
         target = system.removeprefix("ptq-")
         return [r for name, r in results.items() if name.startswith(f"ptq-{target}-{_PTQ_METHOD}-")]

@@ -114,6 +114,21 @@ def test_table_one_shows_the_median_run_and_the_spread() -> None:
     assert (row["runs"], row["paper_max"], row["packed_bytes"], row["float_bytes"]) == ("3", "50", "50", "")
 
 
+def test_the_row_of_ars_in_ternary_is_the_quantization_with_gains() -> None:
+    results = collect(
+        result("ars-ternary-gains-0", 300.0, system="ars-ternary", group="quantization"),
+        result("ars-ternary-round-0", -50.0, system="ars-ternary", group="quantization"),
+    )
+    assert [(row["heldout_mean"], row["runs"]) for row in rows(table_one(results))] == [("300", "1")]
+
+
+def test_only_walkers_tell_of_the_hardcore_terrain() -> None:
+    standing = result("bit-1", 10.0, hardcore={**SCORE, "mean": 9.0})
+    assert verdict(collect(standing), "hardcore") == UNTESTED
+    walking = result("default-1", 250.0, hardcore={**SCORE, "mean": -50.0})
+    assert verdict(collect(standing, walking), "hardcore") == "does not hold"
+
+
 def test_tables_have_rows_for_what_was_measured_only() -> None:
     assert [table.rows for table in tables({})] == [()] * len(tables({}))
     assert len(grid(GRID).rows) == 9
