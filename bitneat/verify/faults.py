@@ -4,7 +4,7 @@
 The places are every bit of the packed table and every significant bit of every integer constant in the code. Left out are
 the sizes of arrays in declarations, which hold no behaviour, and the numbers of the expression that picks one weight out of
 the table, ``0U - ((uint32_t)name_weights[3] >> 4 & 1U)``: a fault in it either reads another weight, which is the same fault as
-one in the table, or the same bit from another place, which is none.
+one in the table, or the same bit from another place, which is none. Left out, too, are lines that only a chip's compiler sees.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from bitneat.verify.cfile import CFile
 
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _DIRECTIVE = re.compile(r"^[ \t]*#.*$", re.MULTILINE)
+_CONDITION = re.compile(r"[ \t]*#[ \t]*(if|ifdef|ifndef|elif|else|endif)\b(.*)")
+_OTHER_CHIP = re.compile(r"(?<!!)defined\(__(?:AVR|thumb)")
 _ARRAY_SIZE = re.compile(r"^static const .*?=", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"(?<![\w.])(0[xX][0-9a-fA-F]+|[0-9]+)(?=[uUlL]*\b)")
 
@@ -87,7 +89,7 @@ def _places(code: CFile) -> Iterator[_Place]:
         for index, number in zip(range(len(data)), numbers, strict=True):
             yield _Place(number.start(), number.end(), 8, f"byte {index} of {noun}")
     weight = re.compile(rf"\(0U - \((?:\(uint32_t\)|\(unsigned\)){code.name}_weights\[\d+\] >> \d+ & 1U\)\)")
-    blank = source
+    blank = _without_other_chips(source)
     for pattern in (_COMMENT, _DIRECTIVE, _ARRAY_SIZE, weight):
         blank = pattern.sub(lambda found: re.sub(r"\S", " ", found[0]), blank)
     for number in _NUMBER.finditer(blank):
@@ -95,3 +97,19 @@ def _places(code: CFile) -> Iterator[_Place]:
             continue
         value = int(number[1], 0)
         yield _Place(number.start(1), number.end(1), max(1, value.bit_length()), "a constant")
+
+
+def _without_other_chips(source: str) -> str:
+    """The text with blanks where a condition asks for AVR or Thumb: a host, which judges the faults, does not compile that."""
+    lines = []
+    asks: list[bool] = []
+    for line in source.splitlines(keepends=True):
+        directive = _CONDITION.match(line)
+        if directive is not None:
+            kind, condition = directive[1], directive[2]
+            if kind in ("elif", "else", "endif"):
+                asks.pop()
+            if kind != "endif":
+                asks.append(_OTHER_CHIP.search(condition) is not None)
+        lines.append(re.sub(r"\S", " ", line) if any(asks) else line)
+    return "".join(lines)

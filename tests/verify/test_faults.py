@@ -8,6 +8,7 @@ import pytest
 from bitneat.codegen import STYLES
 from bitneat.native.compiler import host_compiler
 from bitneat.verify import campaign as under_test
+from bitneat.verify import faults
 from bitneat.verify.campaign import run_campaign, verify_fault
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.faults import choose, plant
@@ -108,3 +109,11 @@ def plant_text(code, folder, text):  # type: ignore[no-untyped-def]
     faulty = plant(code, choose(code, 0), folder)
     faulty.path.write_text(code.source.replace("action[0] =", text))
     return type(faulty).read(faulty.path)
+
+
+def test_no_fault_is_planted_where_only_another_chips_compiler_looks() -> None:
+    source = (
+        "#if defined(__clang__) && defined(__AVR__)\nx = 1;\n#if 1\nx = 2;\n#endif\n"
+        "#elif !defined(__AVR__)\nx = 3;\n#else\nx = 4;\n#endif\nx = 5;\n"
+    )
+    assert re.findall(r"\d(?=;)", faults._without_other_chips(source)) == ["3", "4", "5"]
