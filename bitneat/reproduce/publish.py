@@ -114,7 +114,8 @@ def _page(results: Results, budget: Budget, made: Sequence[Table], figures: Sequ
         _budget_text(budget),
         "## Table 1",
         "`heldout mean ± std` is the official reward over 100 episodes that nothing was chosen on, of the median run's champion;"
-        " `paper max` is what the paper prints: the largest fitness in a run's last generation, of the best run."
+        " `paper max` is what the paper prints: the largest fitness in the last generation of that run (of `wann` a mean over its"
+        " six shared weights), `table1.csv` has the best run's, too."
         " `nodes` do not count the inputs, `packed bytes` are everything it takes to run the controller.",
         markdown(by_name["table1"], _MAIN_COLUMNS),
         "## The claims",

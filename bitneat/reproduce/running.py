@@ -67,6 +67,28 @@ def configuration(job: Job, results: Mapping[str, Result]) -> Config:
     return config
 
 
+def mismatch(result: Result, job: Job, results: Mapping[str, Result]) -> str | None:
+    """What of a result is not as its job would have it now, if it is another experiment's; None if it is the job's own.
+
+    A result whose configuration follows from others' that are not there is taken as it is.
+    """
+    if result.heldout["episodes"] != _report_episodes(job):
+        return f"was scored over {result.heldout['episodes']} episodes, not {_report_episodes(job)}"
+    if job.group == "baselines":
+        return None if result.steps >= job.steps else f"took {result.steps} steps, not {job.steps}"
+    if job.group == "quantization":
+        expected = {"to": job.target, "method": job.method, "source": job.source}
+        generations = job.overrides["quantize"]["generations"]
+        if dict(result.config) != expected:
+            return "quantizes something else, or in another way"
+        if job.method == "search" and result.notes["how"].get("generations") != generations:
+            return f"searched for {result.notes['how'].get('generations')} generations, not {generations}"
+        return None
+    if not set(job.after) <= set(results) or result.config["text"] == configuration(job, results).text:
+        return None
+    return "has another configuration"
+
+
 def best_cell(results: Mapping[str, Result]) -> tuple[float, float]:
     """The survival threshold and beta with the best mean of the scores on which champions are chosen; not the held-out ones."""
 

@@ -55,10 +55,11 @@ def run_all(
     What is unfinished then, or when the process is killed, goes on from its last generation the next time.
 
     Raises:
-        BitneatError: if a job fails.
+        BitneatError: if a job fails, or a result in ``folder`` is that of another experiment.
     """
     (folder / "results").mkdir(parents=True, exist_ok=True)
     results = load_all(folder / "results")
+    _refuse_others(jobs, folder, results)
     waiting = [job for job in jobs if job.name not in results]
     total = len(jobs)
     running: list[_Running] = []
@@ -93,6 +94,17 @@ def run_all(
         for entry in running:
             entry.process.join()
     return results
+
+
+def _refuse_others(jobs: Sequence[Job], folder: Path, results: dict[str, Result]) -> None:
+    """A result counts by what was run, not by its name: settings may have changed since."""
+    from bitneat.reproduce.running import mismatch
+
+    for job in jobs:
+        reason = mismatch(results[job.name], job, results) if job.name in results else None
+        if reason is not None:
+            path = folder / "results" / f"{job.name}.json"
+            raise BitneatError(f"{path}: {reason}; remove it, and it runs again")
 
 
 def _start(job: Job, folder: Path, results: dict[str, Result], command: str) -> _Running:

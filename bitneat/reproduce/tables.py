@@ -92,6 +92,7 @@ def table_one(results: Results) -> Table:
                 run.links,
                 run.packed_bytes,
                 run.float_bytes,
+                run.paper_max,
                 max(maxima) if maxima else None,
                 run.paper_nodes,
                 run.paper_links,
@@ -101,7 +102,7 @@ def table_one(results: Results) -> Table:
     columns = (
         "system", "heldout_mean", "heldout_std", "runs", "worst_run_mean", "best_run_mean", "heldout_episodes",
         "episodes", "steps", "generations", "nodes", "links", "packed_bytes", "float_bytes",
-        "paper_max", "paper_nodes", "paper_links", "command",
+        "paper_max", "best_run_paper_max", "paper_nodes", "paper_links", "command",
     )  # fmt: skip
     return Table("table1", columns, tuple(rows))
 

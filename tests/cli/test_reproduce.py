@@ -119,6 +119,19 @@ def test_budgets_do_not_meet_in_one_folder(reproduced: Path, capsys: pytest.Capt
     assert "holds results of --budget smoke" in capsys.readouterr().err
 
 
+def test_a_result_that_was_made_with_other_settings_is_named(
+    reproduced: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "paper"
+    (folder / "results").mkdir(parents=True)
+    text = (reproduced / "results" / "bit-1.json").read_text()
+    (folder / "results" / "bit-1.json").write_text(text.replace("node_add_prob = 0.6", "node_add_prob = 0.5"))
+    assert reproduce(folder, "bit-1") == 2
+    error = capsys.readouterr().err
+    assert "bit-1.json: has another configuration; remove it, and it runs again" in error
+    assert error.count("\n") == 1
+
+
 def test_json_has_table_one(reproduced: Path, tmp_path: Path) -> None:
     out = tmp_path / "table.json"
     only = [argument for name in SOME for argument in ("--only", name)]

@@ -17,7 +17,7 @@ from bitneat.evolve.config import load as load_config
 from bitneat.reproduce.claims import UNTESTED, claims
 from bitneat.reproduce.experiments import BASELINES, BUDGETS, SCENARIOS, SYSTEMS, jobs
 from bitneat.reproduce.results import Result, load
-from bitneat.reproduce.running import best_cell, configuration
+from bitneat.reproduce.running import best_cell, configuration, mismatch
 from bitneat.reproduce.tables import grid, markdown, quantization, scenarios, table_one, tables
 
 SCORE = {"episodes": 100, "mean": 10.0, "std": 1.0, "min": 5.0, "max": 12.0}
@@ -102,6 +102,32 @@ def test_bit_gains_may_take_the_steps_of_the_bit_run_of_its_seed() -> None:
     assert config.with_values("evolve", max_total_steps=270_000_000).text == preset.text
 
 
+def test_a_result_of_another_experiment_is_told_from_the_jobs_own() -> None:
+    found = {job.name: job for job in jobs(BUDGETS["paper"])}
+    text = configuration(found["bit-1"], {}).text
+    assert mismatch(result("bit-1", config={"text": text}), found["bit-1"], {}) is None
+    other = mismatch(result("bit-1", config={"text": text.replace("0.6", "0.7")}), found["bit-1"], {})
+    assert other == "has another configuration"
+    fewer = result("bit-1", config={"text": text}, heldout={**SCORE, "episodes": 10})
+    assert mismatch(fewer, found["bit-1"], {}) == "was scored over 10 episodes, not 100"
+
+    gains = found["bit-gains-1"]
+    bit = result("bit-1", steps=1000)
+    text = configuration(gains, collect(bit)).text
+    assert mismatch(result("bit-gains-1", config={"text": text}), gains, collect(bit)) is None
+    later = collect(replace(bit, steps=1001))
+    assert mismatch(result("bit-gains-1", config={"text": text}), gains, later) == "has another configuration"
+
+    search = found["ptq-ternary-search-1"]
+    config = {"to": "ternary", "method": "search", "source": "default-1"}
+    for generations, expected in ((20, None), (5, "searched for 5 generations, not 20")):
+        tried = result("ptq-ternary-search-1", config=config, notes={"how": {"generations": generations}})
+        assert mismatch(tried, search, {}) == expected
+    renamed = result("ptq-ternary-search-1", config={**config, "source": "default-2"}, notes={"how": {}})
+    assert mismatch(renamed, search, {}) == "quantizes something else, or in another way"
+    assert mismatch(result("ars-0", steps=2_000_000), found["ars-0"], {}) == "took 2000000 steps, not 20000000"
+
+
 def test_table_one_shows_the_median_run_and_the_spread() -> None:
     table = table_one(collect(result("bit-1", 30.0), result("bit-2", 10.0), result("bit-3", 20.0)))
     (row,) = rows(table)
@@ -111,7 +137,8 @@ def test_table_one_shows_the_median_run_and_the_spread() -> None:
         "10",
         "30",
     )
-    assert (row["runs"], row["paper_max"], row["packed_bytes"], row["float_bytes"]) == ("3", "50", "50", "")
+    assert (row["runs"], row["paper_max"], row["packed_bytes"], row["float_bytes"]) == ("3", "40", "50", "")
+    assert row["best_run_paper_max"] == "50"
 
 
 def test_the_row_of_ars_in_ternary_is_the_quantization_with_gains() -> None:
