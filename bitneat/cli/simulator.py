@@ -8,7 +8,6 @@ import sys
 from typing import TYPE_CHECKING
 
 from bitneat.cli.arguments import whole_number
-from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
@@ -31,27 +30,17 @@ def add_simulator(parser: argparse.ArgumentParser) -> None:
 
 
 def choose_simulator(spec: EnvironmentSpec, wanted: str) -> str:
-    """What runs the episodes: "native", or as `GymnasiumEvaluator` takes it.
+    """As `bitneat.evolve.simulators.choose`; what there is to say goes to stderr.
 
     Raises:
         BitneatError: if the native simulator is wanted and does not serve the environment.
     """
+    from bitneat.evolve.simulators import choose
     from bitneat.native import build
-    from bitneat.sim import bipedal
-    from bitneat.sim.walker.original import obstacle
 
-    if wanted == "gymnasium":
-        return wanted
     if sys.stderr.isatty():
         build.announce = _announce
-    reason = obstacle(spec)
-    if reason is None:
-        return "native"
-    if wanted == "native":
-        raise BitneatError(f"--simulator native: {reason}")
-    if bipedal.is_walker(spec):
-        print(f"bitneat: the native simulator, which is much faster, cannot be used: {reason}", file=sys.stderr)
-    return "auto"
+    return choose(spec, wanted, lambda text: print(f"bitneat: {text}", file=sys.stderr))
 
 
 def _announce(name: str) -> None:
@@ -61,12 +50,7 @@ def _announce(name: str) -> None:
 def evaluator_for(
     simulator: str, workers: int | None, spec: EnvironmentSpec, info: EnvironmentInfo, max_steps: int
 ) -> tuple[Evaluator, Recheck | None]:
-    """The evaluator, and, of the native simulator, what compares it with Gymnasium now and then."""
-    from bitneat.evolve.evaluation import GymnasiumEvaluator, NativeWalkerEvaluator
-    from bitneat.evolve.recheck import Recheck
-    from bitneat.sim.walker.binding import default_threads
+    """As `bitneat.evolve.simulators.evaluator_for`, which is imported only now."""
+    from bitneat.evolve.simulators import evaluator_for as make
 
-    workers = workers or default_threads()
-    if simulator == "native":
-        return NativeWalkerEvaluator(spec, max_steps, workers), Recheck(spec, info.action, max_steps)
-    return GymnasiumEvaluator(spec, info.action, max_steps, workers, simulator), None
+    return make(simulator, workers, spec, info, max_steps)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
 from bitneat.cli.columns import columns, printable
@@ -19,7 +19,6 @@ from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
     from bitneat.champion import Champion
-    from bitneat.codegen import Style
     from bitneat.verify.campaign import FaultResult
     from bitneat.verify.cfile import CFile
     from bitneat.verify.check import Report, Settings
@@ -127,6 +126,7 @@ def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[C
     """The file to judge, and whether it is one that was handed out; says which it is."""
     from bitneat.codegen import generate
     from bitneat.verify.cfile import CFile, c_name_for, find, require_related
+    from bitneat.verify.targets import style_for
 
     if args.c is not None:
         named = CFile.read(args.c)
@@ -144,22 +144,12 @@ def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[C
     code = generate(
         champion.controller,
         c_name_for(args.champion),
-        _style_for(args),
+        style_for(target_names(args.targets)),
         action=champion.action,
         environment_id=champion.environment.id if champion.environment else "",
     )
     print(f"no generated C for this controller beside {args.champion} or here: generated it for this check alone")
     return CFile.write(code, folder), False
-
-
-def _style_for(args: argparse.Namespace) -> Style | Literal["auto"]:
-    """The style to generate: the only one that the targets run, or codegen's choice."""
-    from bitneat.verify.targets import select
-
-    names = target_names(args.targets)
-    targets = [] if names is None else [ready.target for ready in select(names)]
-    styles = {style for target in targets for style in target.styles}
-    return styles.pop() if len(styles) == 1 else "auto"
 
 
 def _targets_of_style(code: CFile) -> list[str]:

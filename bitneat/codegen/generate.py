@@ -19,6 +19,7 @@ from bitneat.controller import Action, BoxAction, Constant, Controller, Referenc
 from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack_blob
 from bitneat.controller.passes import optimize, order_depth_first
 from bitneat.errors import BitneatError
+from bitneat.files import write_atomic
 from bitneat.native.build import compile_object
 from bitneat.native.compiler import Compiler, CompilerError, zig_compiler
 from bitneat.native.elf import measure
@@ -48,6 +49,20 @@ class GeneratedC:
     """The blob's encoding in the table style."""
     table_bytes: int
     """Bytes of the packed weight table (unrolled) or of the blob's body (table)."""
+
+    def write(self, folder: str | Path) -> tuple[Path, Path]:
+        """Write ``name.c`` and its header into a folder that is there, each whole or not at all.
+
+        Returns:
+            The paths of source and header.
+
+        Raises:
+            BitneatError: if a file cannot be written.
+        """
+        source, header = Path(folder, f"{self.name}.c"), Path(folder, self.header_name)
+        write_atomic(header, self.header.encode("ascii"))
+        write_atomic(source, self.source.encode("ascii"))
+        return source, header
 
 
 def generate(

@@ -3,7 +3,7 @@
 
 from bitneat.controller.activation import ACTIVATION_NAMES
 from bitneat.controller.coding import Action, BoxAction, DiscreteAction, Encoder, action_from_data
-from bitneat.controller.ir import Constant, Controller, ControllerError, Input, Link, Node, Output, Signal
+from bitneat.controller.ir import Constant, Controller, ControllerError, Input, Link, Node, Output, Signal, State
 from bitneat.controller.reference import Reference
 
 __all__ = [
@@ -21,5 +21,6 @@ __all__ = [
     "Output",
     "Reference",
     "Signal",
+    "State",
     "action_from_data",
 ]

@@ -107,6 +107,14 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+@dataclass(slots=True)
+class State:
+    """What a controller with delayed links remembers from one step to the next."""
+
+    signals: list[int]
+    """Every input and node of the step before; zeros after a reset."""
+
+
 @dataclass(frozen=True)
 class Controller:
     """A validated controller.
@@ -178,6 +186,32 @@ class Controller:
         from bitneat.controller.canonical import fingerprint
 
         return fingerprint(self.canonical)
+
+    def new_state(self) -> State:
+        """The state after a reset: every delayed link reads 0 next."""
+        return State([0] * self.num_signals)
+
+    def step(self, inputs: Sequence[int], state: State | None = None) -> list[int]:
+        """One control step, in exact integers: what the generated C computes.
+
+        Args:
+            inputs: a signal for each input, within its limit; `Encoder` makes them of an observation.
+            state: from `new_state`, which the step brings up to date; a controller without delayed links needs none.
+
+        Returns:
+            A signal for each output.
+
+        Raises:
+            BitneatError: if an input is missing or outside its limit, or the controller needs a state and none is given.
+        """
+        from bitneat.controller.reference import evaluate_signals, outputs_of
+
+        if state is None:
+            if self.is_recurrent:
+                raise ControllerError("step: a controller with delayed links needs a state; make one with new_state()")
+            state = self.new_state()
+        state.signals = evaluate_signals(self, inputs, state.signals)
+        return outputs_of(self, state.signals)
 
     def to_data(self) -> dict[str, Any]:
         """The controller as dictionaries, lists, integers and strings, which `from_data` reads back without loss."""

@@ -37,26 +37,36 @@ class Reference:
         Raises:
             BitneatError: if an input is missing or outside its limit.
         """
-        signals = [int(x) for x in inputs]
-        if len(signals) != len(self.controller.inputs):
-            raise BitneatError(f"step: expected {len(self.controller.inputs)} inputs, got {len(signals)}")
-        for index, (x, entry) in enumerate(zip(signals, self.controller.inputs, strict=True)):
-            if abs(x) > entry.limit:
-                raise BitneatError(f"step: inputs[{index}] is {x}, outside its limit of ±{entry.limit}")
-        for node in self.controller.nodes:
-            signals.append(node_value(node, signals, self._previous, self.controller.frac_bits))
         # The state is committed only now, so that a delayed link reads the step before wherever its source stands.
-        self._previous = signals
-        self.signals = signals
-        return [
-            output.value if isinstance(output, Constant) else signals[output.index]
-            for output in self.controller.outputs
-        ]
+        self._previous = self.signals = evaluate_signals(self.controller, inputs, self._previous)
+        return outputs_of(self.controller, self.signals)
 
     def run(self, sequence: Iterable[Sequence[int]]) -> list[list[int]]:
         """The outputs of a whole sequence of steps, from reset."""
         self.reset()
         return [self.step(inputs) for inputs in sequence]
+
+
+def evaluate_signals(controller: Controller, inputs: Sequence[int], previous: Sequence[int]) -> list[int]:
+    """Every input and node in one step, given all of them in the step before (zeros after reset).
+
+    Raises:
+        BitneatError: if an input is missing or outside its limit.
+    """
+    signals = [int(x) for x in inputs]
+    if len(signals) != len(controller.inputs):
+        raise BitneatError(f"step: expected {len(controller.inputs)} inputs, got {len(signals)}")
+    for index, (x, entry) in enumerate(zip(signals, controller.inputs, strict=True)):
+        if abs(x) > entry.limit:
+            raise BitneatError(f"step: inputs[{index}] is {x}, outside its limit of ±{entry.limit}")
+    for node in controller.nodes:
+        signals.append(node_value(node, signals, previous, controller.frac_bits))
+    return signals
+
+
+def outputs_of(controller: Controller, signals: Sequence[int]) -> list[int]:
+    """The outputs, given every input and node."""
+    return [output.value if isinstance(output, Constant) else signals[output.index] for output in controller.outputs]
 
 
 def node_value(node: Node, signals: Sequence[int], previous: Sequence[int], frac_bits: int) -> int:

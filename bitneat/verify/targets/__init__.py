@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
+from bitneat.codegen import Style
 from bitneat.errors import BitneatError
 from bitneat.verify.targets.base import ReadyTarget, Target
 from bitneat.verify.targets.chips import CHIPS
@@ -41,6 +43,17 @@ def select(names: Sequence[str] | None, *, run: bool = True) -> list[ReadyTarget
     if unknown:
         raise BitneatError(f"--targets {unknown[0]}: no such target; the targets are {', '.join(TARGETS)}, or all")
     return [_ready(TARGETS[name], run) for name in (TARGETS if "all" in names else dict.fromkeys(names))]
+
+
+def style_for(names: Sequence[str] | None) -> Style | Literal["auto"]:
+    """The style to generate where there is no C yet: the only one that the targets run, or codegen's choice.
+
+    Raises:
+        BitneatError: as `select`.
+    """
+    targets = [] if names is None else [ready.target for ready in select(names)]
+    styles = {style for target in targets for style in target.styles}
+    return styles.pop() if len(styles) == 1 else "auto"
 
 
 def _ready(target: Target, run: bool) -> ReadyTarget:

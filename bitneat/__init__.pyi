@@ -1,0 +1,21 @@
+# What type checkers see instead of the functions that __init__.py imports when they are used.
+from bitneat.api import Agent as Agent
+from bitneat.api import Environment as Environment
+from bitneat.api import Evolved as Evolved
+from bitneat.api import evaluate as evaluate
+from bitneat.api import evolve as evolve
+from bitneat.api import generate as generate
+from bitneat.api import load as load
+from bitneat.api import load_any as load_any
+from bitneat.api import pack as pack
+from bitneat.api import resume as resume
+from bitneat.api import save as save
+from bitneat.api import size as size
+from bitneat.api import unpack as unpack
+from bitneat.api import verify as verify
+from bitneat.champion import Champion as Champion
+from bitneat.champion import EnvironmentSpec as EnvironmentSpec
+from bitneat.champion import FloatChampion as FloatChampion
+from bitneat.controller import Controller as Controller
+from bitneat.errors import BitneatError as BitneatError
+from bitneat.version import __version__ as __version__
