@@ -17,7 +17,7 @@ from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 
-from bitneat.champion import Champion, FloatChampion, any_from_data
+from bitneat.champion import Champion, FloatChampion, any_from_data, load
 from bitneat.cli.main import COMMANDS
 from bitneat.controller.packing import pack
 from bitneat.evolve.randomness import report_seeds
@@ -28,7 +28,7 @@ from bitneat.sim.walker import run_episodes
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "notebooks"
-NAMES = ("train", "quantize", "evaluate")
+NAMES = ("api", "train", "quantize", "evaluate")
 LIMIT = 600
 """Seconds for a cell, on a machine that does much else."""
 
@@ -81,6 +81,23 @@ def _shown(notebook: Notebook, cell_id: str) -> dict[str, Any]:
     """What a cell displays, by MIME type."""
     (cell,) = [cell for cell in notebook.cells if cell.id == cell_id]
     return {kind: data for output in cell.outputs for kind, data in output.get("data", {}).items()}
+
+
+def test_the_notebook_on_the_api_walks_verifies_and_evolves() -> None:
+    notebook = _with_parameters(_read("api"), EPISODES=3, GENERATIONS=2)
+    found = _run(
+        notebook,
+        "{'total': total, 'rewards': rewards.tolist(), 'report': report.to_data(), 'rows': len(evolved.history()),"
+        " 'champion': evolved.champion.to_data()}",
+    )
+    walker = load(ROOT / "examples" / "champions" / "tiny.pkl").controller
+    rewards, _ = run_episodes([walker], range(3))
+    assert found["rewards"] == rewards[0].tolist()
+    assert found["total"] == rewards[0][0]
+    assert found["report"]["verdict"] == "pass"
+    assert {target["mismatches"] for target in found["report"]["targets"]} == {0}
+    assert found["rows"] == 2
+    assert isinstance(any_from_data(found["champion"]), Champion)
 
 
 def test_the_notebook_on_training_evolves_a_float_and_a_ternary_champion() -> None:
