@@ -145,7 +145,15 @@ class CFile:
     @cached_property
     def table(self) -> tuple[bytes, int] | None:
         """The bytes of the weight table or of the blob's body, and where their initializer starts; None if there is none."""
-        noun = "weights" if self.style == "unrolled" else "body"
+        return self._array("weights" if self.style == "unrolled" else "body")
+
+    @property
+    def blob(self) -> bytes | None:
+        """The whole packed controller, which bitneat 0.1 wrote into the table style; None in any other file."""
+        found = self._array("blob")
+        return None if found is None else found[0]
+
+    def _array(self, noun: str) -> tuple[bytes, int] | None:
         found = re.search(
             rf"^static const uint8_t {self.name}_{noun}\[\d+\][^{{=]*= \{{(?P<bytes>[^}}]*)\}};",
             self.source,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from bitneat.champion import Champion, EnvironmentSpec
 from bitneat.codegen import Style
 from bitneat.controller import Controller
-from bitneat.controller.packing import pack
+from bitneat.controller.packing import PackedFormatError, pack, unpack
 from bitneat.errors import BitneatError
 from bitneat.native.compiler import CompilerError
 from bitneat.sim.environment import inspect
@@ -370,6 +370,14 @@ def table_fault(code: CFile, weights: bytes | None) -> str | None:
     return None if table == weights else f"{where}: its {what} is not the one that codegen writes"
 
 
+def _is_packed(blob: bytes, controller: Controller) -> bool:
+    """Whether a blob of any encoding unpacks to the controller."""
+    try:
+        return unpack(blob) == controller.canonical
+    except PackedFormatError:
+        return False
+
+
 def generated_weights(champion: Champion, code: CFile) -> bytes | None:
     """The weight table, or the table of links, that codegen writes into a file of these options."""
     table = replace(code, source=code.regenerated(champion).source).table
@@ -417,6 +425,8 @@ class _Check:
         if same_version:
             wrong = table_fault(code, generated_weights(self.champion, code))
             self.failures += [] if wrong is None else [wrong]
+        elif code.blob is not None and not _is_packed(code.blob, self.champion.controller):
+            self.failures.append(f"{code.path.name}: its blob is not this controller, packed")
         if not compare:
             return
         if not same_version:
