@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     from bitneat.codegen import GeneratedC, Style
     from bitneat.evolve.config import Config
+    from bitneat.evolve.evaluation import Evaluator
     from bitneat.evolve.progress import Progress
+    from bitneat.evolve.run import RunFolder, RunSettings
     from bitneat.evolve.search import Score
     from bitneat.sim.environment import EpisodeResult
     from bitneat.verify.check import Report
@@ -111,6 +113,7 @@ def evolve(
     seed: int = 0,
     workers: int | None = None,
     simulator: str = "auto",
+    evaluator: Evaluator | None = None,
     output: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Evolved:
@@ -126,6 +129,7 @@ def evolve(
         seed: of all randomness, from 0.
         workers: processes or threads; None for one a core. They change no result.
         simulator: ``auto``, ``native`` or ``gymnasium``; the results are the same.
+        evaluator: what runs the episodes, as `bitneat.evolve.cluster.RayEvaluator`, instead of this machine; it is left open.
         output: the run's folder; None for ``runs/ENVIRONMENT-SEED``.
         progress: told of each generation; None for silence.
 
@@ -149,11 +153,16 @@ def evolve(
         raise BitneatError(f"seconds: {seconds}: expected a number above 0")
     folder = RunFolder(Path(output) if output is not None else Path("runs") / f"{spec.id.replace('/', '-')}-{seed}")
     run = RunSettings(spec, settings, seed, seconds, trigonometry=probe_for(spec))
-    return _carry_on(folder, run, workers, simulator, progress, new=True)
+    return _carry_on(folder, run, _Means(workers, simulator, evaluator, progress), new=True)
 
 
 def resume(
-    folder: str | Path, *, workers: int | None = None, simulator: str = "auto", progress: Progress | None = None
+    folder: str | Path,
+    *,
+    workers: int | None = None,
+    simulator: str = "auto",
+    evaluator: Evaluator | None = None,
+    progress: Progress | None = None,
 ) -> Evolved:
     """Take a run that was stopped, however, to its end: the same end as if it had not been.
 
@@ -161,6 +170,7 @@ def resume(
         folder: of the run; all settings come from it.
         workers: as of `evolve`.
         simulator: as of `evolve`.
+        evaluator: as of `evolve`.
         progress: as of `evolve`.
 
     Raises:
@@ -172,28 +182,40 @@ def resume(
     runs = RunFolder(Path(folder))
     settings = runs.settings()
     refuse_other(settings.trigonometry, str(runs.path / "run.json"))
-    return _carry_on(runs, settings, workers, simulator, progress, new=False)
+    return _carry_on(runs, settings, _Means(workers, simulator, evaluator, progress), new=False)
 
 
-def _carry_on(
-    folder: Any, settings: Any, workers: int | None, simulator: str, progress: Progress | None, *, new: bool
-) -> Evolved:
+@dataclass(frozen=True)
+class _Means:
+    """What a run is carried out with; none of it changes the result."""
+
+    workers: int | None
+    simulator: str
+    evaluator: Evaluator | None
+    progress: Progress | None
+
+
+def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: bool) -> Evolved:
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
-    from bitneat.evolve.simulators import choose, evaluator_for
+    from bitneat.evolve.simulators import choose, evaluator_for, recheck_for
     from bitneat.sim.environment import inspect
 
     spec = settings.environment
     info = inspect(spec)
     max_steps = episode_limit(settings.config, spec, info)
-    chosen = choose(spec, simulator, _warn)
+    chosen = choose(spec, means.simulator, _warn)
     if new:
         folder.create(settings)
-    evaluator, recheck = evaluator_for(chosen, workers, spec, info, max_steps)
+    if means.evaluator is None:
+        evaluator, recheck = evaluator_for(chosen, means.workers, spec, info, max_steps)
+    else:
+        evaluator, recheck = means.evaluator, recheck_for(chosen, spec, info, max_steps)
     try:
-        outcome = carry_on(folder, settings, info, evaluator, progress or _Silent(), check=recheck)
+        outcome = carry_on(folder, settings, info, evaluator, means.progress or _Silent(), check=recheck)
     finally:
-        evaluator.close()
+        if means.evaluator is None:
+            evaluator.close()
     if not isinstance(outcome.champion, Champion):
         raise BitneatError(f"{folder.champion_pickle}: is a float network; quantize it for a controller")
     return Evolved(outcome.champion, outcome.score, folder.path, outcome.finished)

@@ -15,15 +15,19 @@ from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
+    from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import Config
     from bitneat.evolve.evaluation import Evaluator
+    from bitneat.evolve.recheck import Recheck
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
+    from bitneat.sim.environment import EnvironmentInfo
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
 EXAMPLE = """\
   bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
   bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
-  bitneat evolve --resume runs/BipedalWalker-v3-0"""
+  bitneat evolve --resume runs/BipedalWalker-v3-0
+  bitneat evolve --evaluator ray --ray-address auto       the episodes on a Ray cluster"""
 
 DEFAULT_ENVIRONMENT = "BipedalWalker-v3"
 
@@ -53,7 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
     add_simulator(parser)
-    parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
+    parser.add_argument(
+        "--evaluator",
+        choices=("local", "ray"),
+        default="local",
+        help="where episodes run: on this machine, or on a Ray cluster (needs bitneat[cluster]); the results are the same",
+    )
+    parser.add_argument(
+        "--ray-address",
+        metavar="ADDRESS",
+        help="of the cluster, as auto or ray://HOST:PORT (default: RAY_ADDRESS, else one is started on this machine)",
+    )
     parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
     add_json(parser)
@@ -64,6 +78,8 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.evolve.run import RunFolder
     from bitneat.sim.environment import allow_imports
 
+    if args.ray_address is not None and args.evaluator != "ray":
+        raise BitneatError("--ray-address: only with --evaluator ray")
     if args.time is not None and not 0 < args.time < float("inf"):
         raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
     allow_imports(args.imports or ())
@@ -122,7 +138,7 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     progress = progress_for()
     evaluator: Evaluator | None = None
     try:
-        evaluator, recheck = evaluator_for(simulator, args.workers, settings.environment, info, max_steps)
+        evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
         return carry_on(folder, settings, info, evaluator, progress, check=recheck)
     except KeyboardInterrupt:
         progress.close()
@@ -139,6 +155,22 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         if evaluator is not None:
             evaluator.close()
         progress.close()
+
+
+def _evaluator(
+    args: argparse.Namespace, simulator: str, spec: EnvironmentSpec, info: EnvironmentInfo, max_steps: int
+) -> tuple[Evaluator, Recheck | None]:
+    if args.evaluator == "local":
+        return evaluator_for(simulator, args.workers, spec, info, max_steps)
+    from bitneat.evolve.cluster import RayEvaluator
+    from bitneat.evolve.simulators import recheck_for
+
+    cluster = RayEvaluator(
+        spec, info.action, max_steps,
+        simulator=simulator, address=args.ray_address, workers=args.workers,
+        warn=lambda text: print(f"bitneat: {text}", file=sys.stderr),
+    )  # fmt: skip
+    return cluster, recheck_for(simulator, spec, info, max_steps)
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:

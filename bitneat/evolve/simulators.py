@@ -45,7 +45,7 @@ def choose(spec: EnvironmentSpec, wanted: str, warn: Callable[[str], None]) -> s
 def evaluator_for(
     simulator: str, workers: int | None, spec: EnvironmentSpec, info: EnvironmentInfo, max_steps: int
 ) -> tuple[Evaluator, Recheck | None]:
-    """The evaluator, and, of the native simulator, what compares it with Gymnasium now and then.
+    """The evaluator on this machine, and, of the native simulator, what compares it with Gymnasium now and then.
 
     Args:
         simulator: as `choose` returns it.
@@ -58,5 +58,10 @@ def evaluator_for(
 
     workers = workers or default_threads()
     if simulator == "native":
-        return NativeWalkerEvaluator(spec, max_steps, workers), Recheck(spec, info.action, max_steps)
+        return NativeWalkerEvaluator(spec, max_steps, workers), recheck_for(simulator, spec, info, max_steps)
     return GymnasiumEvaluator(spec, info.action, max_steps, workers, simulator), None
+
+
+def recheck_for(simulator: str, spec: EnvironmentSpec, info: EnvironmentInfo, max_steps: int) -> Recheck | None:
+    """What compares the native simulator with Gymnasium now and then, on this machine; None for any other simulator."""
+    return Recheck(spec, info.action, max_steps) if simulator == "native" else None

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: MIT
+"""Episodes on a Ray cluster: the same results, to the bit, as on one machine.
+
+What an episode gives depends on controller, seed and environment alone, and results are put back by their place, so neither the
+number of machines nor their order of finishing can show. What could show is asked of every machine before it runs anything: its
+version of bitneat and its C library's trigonometry. A task whose worker or whole machine dies runs again elsewhere.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import platform
+import re
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bitneat.champion import EnvironmentSpec
+from bitneat.controller import Action
+from bitneat.errors import BitneatError, MissingExtraError
+from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
+from bitneat.network import Policy
+from bitneat.sim.environment import EpisodeResult, Shaping, allow_imports, allowed_imports
+from bitneat.sim.walker.trigonometry import probe_for, refuse_other
+from bitneat.version import __version__
+
+TASKS_A_CORE = 4
+"""So many tasks for each core in a call, so that cores which are done early find more to do."""
+LEAST_EPISODES = {"native": 16, "auto": 2, "gymnasium": 2}
+"""In a task, by simulator: an episode for each lane; elsewhere enough to outweigh a message."""
+RETRIES = 20
+"""How often a task may lose its worker before the run gives up: machines come and go, but a crash may also repeat for ever."""
+_PATIENCE_SECONDS = 60.0
+_KNOCK_SECONDS = 10.0
+_HOST_AND_PORT = re.compile(r"(ray://)?(?P<host>[^/]+):(?P<port>\d{1,5})")
+
+
+@dataclass(frozen=True)
+class _Home:
+    """What every task of a run has in common."""
+
+    spec: EnvironmentSpec
+    action: Action
+    max_steps: int
+    simulator: str
+    version: str
+    trigonometry: str | None
+    imports: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A rectangle of the table of controllers and seeds, which one task runs."""
+
+    controllers: slice
+    seeds: slice
+
+
+def chunks(num_controllers: int, num_seeds: int, cores: int, least: int) -> Iterator[Chunk]:
+    """Cut a table of episodes into tasks: about `TASKS_A_CORE` for each core, none below ``least`` episodes if others allow it.
+
+    Rows stay whole as long as they fit a task, since a controller is sent with each of its pieces.
+    """
+    if not num_controllers or not num_seeds:
+        return
+    episodes = max(least, -(-num_controllers * num_seeds // (TASKS_A_CORE * max(cores, 1))))
+    rows, columns = max(1, episodes // num_seeds), min(num_seeds, episodes)
+    for row in range(0, num_controllers, rows):
+        for column in range(0, num_seeds, columns):
+            yield Chunk(slice(row, min(row + rows, num_controllers)), slice(column, min(column + columns, num_seeds)))
+
+
+class RayEvaluator:
+    """Episodes spread over the cores of a Ray cluster.
+
+    Args:
+        spec: the environment.
+        action: its action space.
+        max_steps: the time limit of an episode.
+        simulator: as `bitneat.evolve.simulators.choose` returns it; every machine must have it.
+        address: of the cluster, as of ``ray.init``; None starts one on this machine, unless ``RAY_ADDRESS`` is set.
+        workers: cores of a cluster that is started here; None for all.
+        warn: told in a line when nothing has come back for long.
+
+    Raises:
+        MissingExtraError: if Ray is not installed.
+        BitneatError: if there is no cluster at the address.
+    """
+
+    def __init__(
+        self,
+        spec: EnvironmentSpec,
+        action: Action,
+        max_steps: int,
+        *,
+        simulator: str,
+        address: str | None = None,
+        workers: int | None = None,
+        warn: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._ray = _ray()
+        self._warn = warn
+        self._least = LEAST_EPISODES[simulator]
+        self._mine = not self._ray.is_initialized()
+        if self._mine:
+            _connect(self._ray, address, workers)
+        home = _Home(spec, action, max_steps, simulator, __version__, probe_for(spec), tuple(allowed_imports()))
+        self._home = self._ray.put(pickle.dumps(home))
+        self._task = self._ray.remote(num_cpus=1, max_retries=RETRIES)(_run)
+
+    def evaluate(
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
+    ) -> list[list[EpisodeResult]]:
+        """The episodes, by controller and then by seed.
+
+        Raises:
+            BitneatError: if a machine refuses, an episode fails, or the cluster is lost.
+        """
+        try:
+            return self._evaluate(controllers, seeds, shaping)
+        except (self._ray.exceptions.RayError, ConnectionError) as error:
+            raise BitneatError(f"--evaluator ray: the cluster was lost: {_first_line(error)}") from None
+
+    def _evaluate(
+        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None
+    ) -> list[list[EpisodeResult]]:
+        cores = int(self._ray.cluster_resources().get("CPU", 1))
+        owners: dict[Any, Chunk] = {}
+        for chunk in chunks(len(controllers), len(seeds), cores, self._least):
+            job = pickle.dumps((list(controllers[chunk.controllers]), list(seeds[chunk.seeds]), shaping))
+            owners[self._task.remote(self._home, job)] = chunk
+        table: list[list[Any]] = [[None] * len(seeds) for _ in controllers]
+        try:
+            for reference in self._finished(list(owners)):
+                kind, content = self._ray.get(reference)
+                if kind == "error":
+                    raise BitneatError(content)
+                chunk = owners[reference]
+                for row, episodes in zip(table[chunk.controllers], content, strict=True):
+                    row[chunk.seeds] = episodes
+        except BaseException:
+            for reference in owners:
+                with contextlib.suppress(Exception):  # the cluster may be what failed
+                    self._ray.cancel(reference)
+            raise
+        return table
+
+    def _finished(self, pending: list[Any]) -> Iterator[Any]:
+        """References as they come in."""
+        while pending:
+            done, pending = self._ray.wait(pending, num_returns=1, timeout=_PATIENCE_SECONDS)
+            if not done:
+                nodes = sum(bool(node["Alive"]) for node in self._ray.nodes())
+                self._warn(f"waiting for {len(pending)} tasks; nodes that are up: {nodes}")
+            yield from done
+
+    def close(self) -> None:
+        """Disconnect; a cluster that was started here ends."""
+        if self._mine:
+            self._ray.shutdown()
+
+
+def _ray() -> Any:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # Ray would hide accelerators from tasks that ask for none, and warn of that; episodes never touch them.
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    try:
+        import ray
+    except ImportError:
+        raise MissingExtraError("--evaluator ray: needs Ray: pip install 'bitneat[cluster]'") from None
+    return ray
+
+
+def _connect(ray: Any, address: str | None, workers: int | None) -> None:
+    address = address or os.environ.get("RAY_ADDRESS") or "local"
+    options: dict[str, Any] = {"address": address, "log_to_driver": False, "logging_level": "error"}
+    if address == "local":  # for this process alone, so it listens to this machine alone
+        options |= {"num_cpus": workers, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+    try:
+        _knock(address)
+        ray.init(**options)
+    except Exception as error:  # Ray has many for an address where nobody answers
+        raise BitneatError(f"--ray-address {address}: no cluster: {_first_line(error)}") from None
+
+
+def _knock(address: str) -> None:
+    """Fail at once where nobody listens; Ray itself would go on trying for many minutes."""
+    found = _HOST_AND_PORT.fullmatch(address)
+    if found is not None:
+        socket.create_connection((found["host"].strip("[]"), int(found["port"])), _KNOCK_SECONDS).close()
+
+
+def _run(home_data: bytes, job: bytes) -> tuple[str, Any]:
+    """What a task does, in a worker anywhere; both arguments come from the run's own process."""
+    home: _Home = pickle.loads(home_data)
+    where = f"node {platform.node()}"
+    try:
+        if home.version != __version__:
+            raise BitneatError(f"{where}: has bitneat {__version__}, expected {home.version}, as where the run began")
+        refuse_other(home.trigonometry, where)
+        allow_imports(home.imports)
+        controllers, seeds, shaping = pickle.loads(job)
+        return "episodes", _local(home).evaluate(controllers, seeds, shaping)
+    except BitneatError as error:
+        return "error", str(error)
+
+
+def _local(home: _Home) -> Evaluator:
+    if home.simulator == "native":
+        return NativeWalkerEvaluator(home.spec, home.max_steps, 1)
+    return GymnasiumEvaluator(home.spec, home.action, home.max_steps, 1, home.simulator)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]

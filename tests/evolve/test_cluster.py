@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: MIT
+"""Episodes on a Ray cluster of two nodes, both on this machine: the same bytes, whatever dies on the way."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import bitneat
+from bitneat.champion import EnvironmentSpec
+from bitneat.cli.main import main
+from bitneat.errors import BitneatError, MissingExtraError
+from bitneat.evolve import cluster as clusters
+from bitneat.evolve.cluster import RayEvaluator, chunks
+from bitneat.sim.environment import inspect
+
+# Ray reads these when it is imported. By the second, all of it listens to this machine alone, as on systems other than Linux.
+os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
+
+pytestmark = pytest.mark.xdist_group("cluster")
+
+SETTINGS = ["--pop", "16", "--generations", "10", "--seed", "3"]
+LIMIT = 240.0
+"""Seconds for anything that is waited for, on a machine that does much else."""
+
+
+@given(st.integers(0, 40), st.integers(0, 40), st.integers(1, 64), st.integers(1, 16))
+def test_every_episode_is_in_one_task(controllers: int, seeds: int, cores: int, least: int) -> None:
+    seen = [
+        (row, column)
+        for chunk in chunks(controllers, seeds, cores, least)
+        for row in range(controllers)[chunk.controllers]
+        for column in range(seeds)[chunk.seeds]
+    ]
+    assert sorted(seen) == [(row, column) for row in range(controllers) for column in range(seeds)]
+
+
+def test_tasks_are_about_four_a_core_and_none_is_tiny() -> None:
+    def sizes(*arguments: int) -> list[int]:
+        return [
+            (chunk.controllers.stop - chunk.controllers.start) * (chunk.seeds.stop - chunk.seeds.start)
+            for chunk in chunks(*arguments)
+        ]
+
+    assert sizes(200, 3, 2, 16) == [75] * 8
+    assert sizes(200, 3, 1000, 16) == [15] * 40
+    assert sizes(5, 128, 1000, 16) == [16] * 40
+    assert sizes(1, 4, 8, 16) == [4]
+
+
+class Nodes:
+    """A head with one core, and another node with one."""
+
+    def __init__(self) -> None:
+        from ray.cluster_utils import Cluster
+
+        node = {"num_cpus": 1, "object_store_memory": 80_000_000, "node_ip_address": "127.0.0.1"}
+        self.cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
+        self.other: Any = self.cluster.add_node(**node)
+
+    @property
+    def address(self) -> str:
+        return str(self.cluster.address)
+
+    @property
+    def other_raylet(self) -> int:
+        ((process,),) = [self.other.all_processes["raylet"]]
+        return int(process.process.pid)
+
+    def workers_of_other(self) -> list[int]:
+        """Processes that run tasks on the other node."""
+        children = Path(f"/proc/{self.other_raylet}/task/{self.other_raylet}/children").read_text().split()
+        return [
+            pid for pid in map(int, children) if "ray::" in Path(f"/proc/{pid}/cmdline").read_text(errors="replace")
+        ]
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Nodes]:
+    pytest.importorskip("ray")
+    started = Nodes()
+    yield started
+    started.cluster.shutdown()
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run on one machine that the others must equal."""
+    folder = tmp_path_factory.mktemp("local") / "run"
+    assert main(["evolve", *SETTINGS, "-o", str(folder)]) == 0
+    return folder
+
+
+def wait_for(what: Any, process: subprocess.Popen[bytes]) -> Any:
+    deadline = time.monotonic() + LIMIT
+    while not (found := what()):
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return found
+
+
+def rows(folder: Path) -> int:
+    history = folder / "history.csv"
+    return history.read_bytes().count(b"\n") - 1 if history.exists() else 0
+
+
+def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
+    nodes: Nodes, local: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "ray"
+    command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
+    process = subprocess.Popen(
+        [*command, "--evaluator", "ray", "--ray-address", nodes.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    worker = wait_for(lambda: rows(folder) >= 1 and nodes.workers_of_other(), process)[0]
+    os.kill(worker, signal.SIGKILL)
+    killed_at = rows(folder)
+    wait_for(lambda: rows(folder) >= killed_at + 2, process)
+    os.kill(nodes.other_raylet, signal.SIGKILL)
+    assert rows(folder) < 10, "the run was over before the node died"
+    _, error = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, error
+    for name in ("champion.pkl", "history.csv", "report.json"):
+        assert (folder / name).read_bytes() == (local / name).read_bytes(), name
+
+
+def test_machines_that_differ_are_refused_by_name(nodes: Nodes, monkeypatch: pytest.MonkeyPatch) -> None:
+    import ray
+
+    walker = EnvironmentSpec("BipedalWalker-v3")
+    for name, value, message in (
+        ("__version__", "9.9", r"node .*: has bitneat .*, expected 9\.9, as where the run began"),
+        ("probe_for", lambda spec: "0123456789abcdef", r"node .*: trigonometry: expected a C library"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(clusters, name, value)
+            evaluator = RayEvaluator(walker, inspect(walker).action, 50, simulator="native", address=nodes.address)
+        controller = bitneat.load(Path(__file__).parents[2] / "examples" / "champions" / "tiny.pkl").controller
+        try:
+            with pytest.raises(BitneatError, match=message):
+                evaluator.evaluate([controller], [0])
+        finally:
+            evaluator.close()
+    assert not ray.is_initialized()
+
+
+def test_where_there_is_no_cluster_it_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["evolve", *SETTINGS, "-o", str(tmp_path / "run"), "--evaluator", "ray", "--ray-address", "127.0.0.1:1"]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert re.search(r"^bitneat: --ray-address 127\.0\.0\.1:1: no cluster: ", error, re.MULTILINE), error
+    assert not (tmp_path / "run").exists()
+    assert main(["evolve", "--ray-address", "auto"]) == 2
+    assert "--ray-address: only with --evaluator ray" in capsys.readouterr().err
+
+
+def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingExtraError, match=r"pip install 'bitneat\[cluster\]'"):
+        clusters._ray()
