@@ -153,6 +153,8 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "risk": Real(0.0, 0.0, 100.0),
         "size_pressure": Real(0.5, 0.0, 1.0),
         "max_total_steps": Whole(0, 0, 10**15),
+        "new_seeds": Whole(1, 0, 1),
+        "restart_after": Whole(0, 0, 1_000_000),
         "linear_generations": Whole(0, 0, 1_000_000),
         "linear_population": Whole(64, 4, 100_000),
         "linear_episodes": Whole(4, 1, 10_000),
@@ -409,6 +411,8 @@ def _check_kinds(sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
     neat = sections["NEAT"]
     if evolve["linear_generations"] and neat["genome"] != "BitGenome":
         raise ConfigError(f"{where}: [evolve] linear_generations: a linear start is for BitGenome")
+    if evolve["restart_after"] and neat["genome"] != "BitGenome":
+        raise ConfigError(f"{where}: [evolve] restart_after: restarts are for BitGenome")
     for key in ("min_species_size", "elitism"):
         value = sections[neat["reproduction"]].get(key, 0)
         if type(value) is int and value > neat["pop_size"]:

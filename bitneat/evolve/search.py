@@ -171,6 +171,8 @@ class Search:
         self.candidates: list[Candidate] = []
         self._evaluator: Evaluator | None = None
         self._previous_keys: set[int] = set()
+        self._restarted = 0
+        """The generation from which on the present population has been bred."""
         self.kind = kind_for(config, self.inputs, info.action.num_outputs)
         self._by_rank = config["NEAT"]["reproduction"] == "BitReproduction"
         self._neat_config = neat_config(config, self.kind)
@@ -214,7 +216,24 @@ class Search:
         with self.streams.neat():
             self.population.run(self._assign_fitness, 1)
         self._previous_keys = keys
+        self._restart_if_stuck()
         return self.history[-1]
+
+    def _restart_if_stuck(self) -> None:
+        """Breed a new population from the best candidates, if for long none was better than the best."""
+        settings = self.config["evolve"]
+        patience = settings["restart_after"]
+        if not patience or self.generation - max(self.candidates[0].generation, self._restarted) < patience:
+            return
+        self._restarted = self.generation
+        best = [candidate.controller for candidate in self.candidates[: settings["finalists"]]]
+        with self.streams.neat():
+            if not self._populate([policy for policy in best if isinstance(policy, Controller)]):
+                self._settle(
+                    self.population.reproduction.create_new(
+                        self.kind.genome_type, self._neat_config.genome_config, self.config["NEAT"]["pop_size"]
+                    )
+                )
 
     def _advance_linear(self, linear: LinearSearch, evaluator: Evaluator) -> Generation:
         """One generation of the linear start; with its last one the population is made anew from its policy."""
@@ -241,10 +260,11 @@ class Search:
                 self._populate([linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)])
         return self.history[-1]
 
-    def _populate(self, controllers: Sequence[Controller]) -> None:
+    def _populate(self, controllers: Sequence[Controller]) -> bool:
         """A population of these controllers' genomes in turn, all but the first of each mutated.
 
-        A controller that no genome is like (one with a constant output, say) is left out; without any the population stays.
+        A controller that no genome is like (one with a constant output, say) is left out; without any the population stays,
+        and the answer is False.
         """
         settings = self._neat_config.genome_config
         settings.innovation_tracker = self.population.reproduction.innovation_tracker
@@ -253,7 +273,7 @@ class Search:
             with contextlib.suppress(BitneatError):
                 ancestors.append(genome_from_controller(0, controller, settings))
         if not ancestors:
-            return
+            return False
         population: dict[int, Any] = {}
         for index in range(self.config["NEAT"]["pop_size"]):
             key = next(self.population.reproduction.genome_indexer)
@@ -262,6 +282,11 @@ class Search:
             if index >= len(ancestors):
                 genome.mutate(settings)
             population[key] = genome
+        self._settle(population)
+        return True
+
+    def _settle(self, population: dict[int, Any]) -> None:
+        """Put a population in the place of the present one and its species."""
         self.population.population = population
         self.population.species.species.clear()
         self.population.species.speciate(self._neat_config, population, 0)
@@ -351,7 +376,9 @@ class Search:
     def _race(self, entrants: list[_Entrant], evaluator: Evaluator) -> list[_Entrant]:
         """All run the first stage, the best fraction the second, and so on; the elites of last time run them all."""
         settings = self.config["evolve"]
-        seeds = self.streams.search_seeds(settings["race_episodes"][-1])
+        # Without new seeds a generation draws what the first one drew.
+        streams = self.streams if settings["new_seeds"] else Streams(self.seed)
+        seeds = streams.search_seeds(settings["race_episodes"][-1])
         shaping = self.shaping()
         active, done = entrants, 0
         for stage, (episodes, fraction) in enumerate(
@@ -424,6 +451,7 @@ class Search:
             "linear": None if self.linear is None else self.linear.to_data(),
             "population": [self.kind.to_data(genome) for genome in self.population.population.values()],
             "previous_keys": sorted(self._previous_keys),
+            "restarted": self._restarted,
             "species": [
                 [key, group.created, group.representative.key, list(group.members), *species_set.past(group)]
                 for key, group in species_set.species.items()
@@ -474,6 +502,9 @@ class Search:
         self.population.reproduction.innovation_tracker.global_counter = innovations
         self._neat_config.genome_config.node_indexer = Indexer(next_node)
         self._previous_keys = {_whole(key, "previous_keys") for key in data["previous_keys"]}
+        self._restarted = _whole(
+            data.get("restarted", 0), "restarted"
+        )  # checkpoints of before there were restarts lack it
         if self.linear is not None:
             self.linear.restore(data["linear"])
         self.streams.restore(data["streams"])

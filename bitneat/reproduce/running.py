@@ -13,7 +13,7 @@ from typing import Any
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config
+from bitneat.evolve.config import Config, parse
 from bitneat.evolve.config import load as load_config
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import report_seeds
@@ -84,9 +84,11 @@ def mismatch(result: Result, job: Job, results: Mapping[str, Result]) -> str | N
         if job.method == "search" and result.notes["how"].get("generations") != generations:
             return f"searched for {result.notes['how'].get('generations')} generations, not {generations}"
         return None
-    if not set(job.after) <= set(results) or result.config["text"] == configuration(job, results).text:
+    if not set(job.after) <= set(results):
         return None
-    return "has another configuration"
+    # Parsed, since an option that came later is not in its text, and has the value that it had without being one.
+    same = parse(result.config["text"], job.name).text == configuration(job, results).text
+    return None if same else "has another configuration"
 
 
 def best_cell(results: Mapping[str, Result]) -> tuple[float, float]:
