@@ -49,6 +49,7 @@ def main() -> None:
                 page.goto(page_file.as_uri())
                 page.wait_for_selector("html[data-ready]")
                 page.locator("#scrub").fill(str(STEP))
+                page.locator("#scrub").blur()
                 page.screenshot(path=folder / f"report-{name}.png")
             browser.close()
 

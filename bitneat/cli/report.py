@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     page = build_page(sources)
     content = page.html.encode()
     write_atomic(args.output, content)
-    passed = sources.verification is None or sources.verification.get("verdict") == "pass"
+    passed = sources.verification["verdict"] == "pass"
     print(f"wrote {args.output}: {len(content):,} bytes, {len(sources.episodes)} episodes")
     print(f"verification: {'passed' if passed else 'FAILED'}")
     if args.json is not None:
@@ -177,5 +177,5 @@ def _summary(args: argparse.Namespace, sources: Sources, page: Page, size: int) 
         "episodes": [
             {"seed": episode.seed, "steps": episode.steps, "reward": episode.reward} for episode in sources.episodes
         ],
-        "verdict": None if sources.verification is None else sources.verification["verdict"],
+        "verdict": sources.verification["verdict"],
     }

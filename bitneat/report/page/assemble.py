@@ -49,7 +49,7 @@ MAX_PROVENANCE = 20_000
 class Sources:
     """What the page is made of.
 
-    ``verification`` is the content of ``verify --json``, and ``proof`` of ``prove --json``; None if there is none. ``others``
+    ``verification`` is the content of ``verify --json``, and ``proof`` of ``prove --json``, None if there is none. ``others``
     are champions to compare with, by name.
     """
 
@@ -57,7 +57,7 @@ class Sources:
     environment: EnvironmentSpec
     episodes: Sequence[RecordedEpisode]
     sizes: SizeReport
-    verification: Mapping[str, Any] | None = None
+    verification: Mapping[str, Any]
     proof: Mapping[str, Any] | None = None
     history: History | None = None
     others: Sequence[tuple[str, Champion]] = ()
@@ -106,9 +106,9 @@ def build_page(sources: Sources) -> Page:
             encodings_rows=encoding_rows(sources.sizes),
             sizes=size_rows(sources.sizes),
             verification=sources.verification,
-            verify_facts=verify_facts(sources.verification or {}),
-            verify_failures=verify_failures(sources.verification or {}),
-            verify_rows=verify_rows(sources.verification or {}),
+            verify_facts=verify_facts(sources.verification),
+            verify_failures=verify_failures(sources.verification),
+            verify_rows=verify_rows(sources.verification),
             proof=sources.proof,
             proof_rows=flat_rows(sources.proof or {}),
             charts=_charts(sources),

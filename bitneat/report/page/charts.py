@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 WIDTH, HEIGHT = 640.0, 250.0
-LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 14.0, 34.0
+LEFT, RIGHT, TOP, BOTTOM = 52.0, 14.0, 30.0, 34.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +56,17 @@ class Dot:
     name: str
     text: str
     strong: bool
+    labelled: bool
+
+    @property
+    def anchor(self) -> str:
+        """Which end of its label is at the dot: labels must not leave the chart."""
+        return "end" if self.x > WIDTH / 2 else "start"
+
+    @property
+    def shift(self) -> float:
+        """How far the label is from the dot."""
+        return -8.0 if self.x > WIDTH / 2 else 8.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,8 @@ class Point:
     x: float
     y: float
     strong: bool = False
+    named: bool = False
+    """Whether its name stands beside it."""
 
 
 class _Scale:
@@ -165,7 +178,7 @@ def scatter(key: str, title: str, labels: tuple[str, str], points: Sequence[Poin
     x = _Scale(min(p.x for p in points), max(p.x for p in points), LEFT, WIDTH - RIGHT)
     y = _Scale(min(p.y for p in points), max(p.y for p in points), HEIGHT - BOTTOM, TOP)
     dots = tuple(
-        Dot(x(p.x), y(p.y), p.name, f"{p.name}: {number(p.x)} {labels[0]}, {number(p.y)}", p.strong) for p in points
+        Dot(x(p.x), y(p.y), p.name, f"{p.name}: {number(p.x)} {labels[0]}, {number(p.y)}", p.strong, p.named) for p in points
     )
     path = "".join(_stair(front(points), x, y))
     return Chart(key, title, *labels, x.ticks(), y.ticks(), dots=dots, front=path)

@@ -13,10 +13,13 @@ from dataclasses import dataclass, field
 
 from bitneat.controller import Constant, Controller, Node, Signal
 
-INPUT_WIDTH = 168
-PIN_WIDTH = 104
+INPUT_WIDTH = 184
+PIN_WIDTH = 124
 ROW = 23.0
 """Height of an input's row, and of a node where there are many."""
+WIDE_ROW = 27.0
+"""Height of an input's row where few are read."""
+FEW = 16
 CROWDED = 9
 """With more nodes than this in a layer, a node gets one line instead of two."""
 MARGIN = 14.0
@@ -92,11 +95,13 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
     node_height = ROW if crowded else 36.0
     vertices = {signal_key(s, num_inputs): layers[s] for s in layers}
     vertices |= {f"y{i}": num_layers + 1 for i in range(len(controller.outputs))}
-    columns = _columns(controller, vertices, node_height)
+    row = ROW if sum(layers[s] == 0 for s in layers) > FEW else WIDE_ROW
+    columns = _columns(controller, vertices, {"x": row, "n": node_height, "y": 30.0})
     height = _place(columns)
     gap = 74.0 if num_layers > 3 else 96.0
-    node_width = 76.0 if crowded else 92.0
-    lefts = [0.0, *(INPUT_WIDTH + gap + column * (node_width + gap) for column in range(num_layers + 1))]
+    first_gap = 130.0 if crowded else gap
+    node_width = 80.0 if crowded else 104.0
+    lefts = [0.0, *(INPUT_WIDTH + first_gap + column * (node_width + gap) for column in range(num_layers + 1))]
     place = {vertex.key: vertex for column in columns for vertex in column}
 
     def box(key: str, signal: int | None, label: str, detail: str) -> Box:
@@ -142,7 +147,8 @@ def _node(controller: Controller, signal: int) -> Node:
 def _response(node: Node) -> str:
     """The gain and the activation in few letters."""
     gain = "" if node.gain == 0 else f" ×{1 << node.gain}" if node.gain > 0 else f" ÷{1 << -node.gain}"
-    return f"{node.activation}{gain}"
+    # An identity does nothing, so it is not named unless the place would be empty.
+    return (f"{node.activation}{gain}" if node.activation != "identity" else gain.strip()) or "sum"
 
 
 def _layers(controller: Controller) -> dict[int, int]:
@@ -159,8 +165,7 @@ def _layers(controller: Controller) -> dict[int, int]:
     return layers
 
 
-def _columns(controller: Controller, layers: dict[str, int], node_height: float) -> list[list[_Vertex]]:
-    heights = {"x": ROW, "n": node_height, "y": 30.0}
+def _columns(controller: Controller, layers: dict[str, int], heights: dict[str, float]) -> list[list[_Vertex]]:
     vertices = {key: _Vertex(key, layer, heights[key[0]]) for key, layer in layers.items()}
     num_inputs = len(controller.inputs)
     edges = [

@@ -112,7 +112,7 @@ def pareto_chart(history: History, champion: Champion, others: Sequence[tuple[st
     for name, one, strong in [("this champion", champion, True), *((name, other, False) for name, other in others)]:
         mean = score(one, "held_out") or score(one, "selection")
         if mean is not None:
-            points.append(Point(name, len(pack(one.controller.canonical)), mean, strong))
+            points.append(Point(name, len(pack(one.controller.canonical)), mean, strong, named=True))
     return scatter("pareto", "Reward against packed bytes", ("bytes", "mean reward"), points)
 
 

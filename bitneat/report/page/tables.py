@@ -65,8 +65,9 @@ def verify_facts(verification: Mapping[str, Any]) -> str:
     """How much was compared, in a line."""
     reward = verification.get("reward")
     mean = f", mean reward {shown(reward.get('mean'))}" if isinstance(reward, Mapping) else ""
+    episodes = verification.get("episodes")
     return (
-        f"{shown(verification.get('episodes'))} episodes of {shown(verification.get('environment'))}, "
+        f"{shown(episodes)} episode{'' if episodes == 1 else 's'} of {shown(verification.get('environment'))}, "
         f"{shown(verification.get('steps'))} steps{mean}"
     )
 
@@ -120,10 +121,15 @@ def provenance_rows(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     for key, value in provenance.items():
         if isinstance(value, Mapping):
             if all(not isinstance(item, (Mapping, list)) for item in value.values()):
-                rows.append((str(key), ", ".join(f"{name} {shown(item)}" for name, item in value.items())))
+                rows.append((str(key), ", ".join(f"{name} {plain(item)}" for name, item in value.items())))
         elif not isinstance(value, list) and len(str(value)) <= MAX_TEXT:
-            rows.append((str(key), shown(value)))
+            rows.append((str(key), plain(value)))
     return rows[:MAX_ROWS]
+
+
+def plain(value: Any) -> str:
+    """As `shown`, but an integer without commas: it may be a seed."""
+    return str(value)[:MAX_TEXT] if type(value) is int else shown(value)
 
 
 def shown(value: Any) -> str:

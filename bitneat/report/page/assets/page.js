@@ -111,6 +111,8 @@
     byId("parity").dataset.verdict = verdict;
     byId("parity-badge").textContent = badge;
     byId("parity-text").textContent = text;
+    byId("parity-chip").textContent = badge;
+    byId("parity-chip").className = `badge ${{ pass: "good", fail: "bad" }[verdict] || ""}`;
   }
 
   const count = (number) => number.toLocaleString("en");
@@ -270,19 +272,43 @@
     const { context, width, height } = prepared(byId("walk"));
     const bodies = pose(one, step);
     const hull = bodies[0];
-    // About 13 m are in view; the hull stays a third of the way along, and its usual height in the middle.
-    const metre = Math.max(Math.min(width / 15, height / 7.2), 18);
-    const left = hull.x - (width / metre) * 0.34;
-    const bottom = 5.4 - (height / metre) * 0.52;
+    // About 10 m are in view; the hull stays a third of the way along, and the ground about it in the lower part.
+    const metre = Math.max(Math.min(width / 10.5, height / 5), 26);
+    const left = hull.x - (width / metre) * 0.36;
+    const bottom = groundAbout(one, hull.x) - (height / metre) * 0.2;
     const X = (x) => (x - left) * metre;
     const Y = (y) => height - (y - bottom) * metre;
     drawGround(context, one, X, Y, width, height);
+    drawTrail(context, one, step, X, Y);
     drawRays(context, one, step, hull, X, Y);
     const colours = ["hull", "leg-far", "leg-far", "leg-near", "leg-near"];
     for (const body of [1, 2, 0, 3, 4]) {
       drawBody(context, one.shapes[body], bodies[body], palette[colours[body]], X, Y);
     }
     drawContacts(context, one, step, bodies, X, Y);
+  }
+
+  /* Where the hull has been. */
+  function drawTrail(context, one, step, X, Y) {
+    const size = one.shapes.length * 3;
+    context.beginPath();
+    for (let at = Math.max(step - 200, 0); at <= step; at++) {
+      context.lineTo(X(one.poses[at * size] / data.lengthSteps), Y(one.poses[at * size + 1] / data.lengthSteps));
+    }
+    context.lineWidth = 1.5;
+    context.setLineDash([1, 5]);
+    context.lineCap = "round";
+    context.strokeStyle = palette.hull;
+    context.globalAlpha = 0.7;
+    context.stroke();
+    context.setLineDash([]);
+    context.globalAlpha = 1;
+  }
+
+  /* The mean height of the ground within 5 m, which moves the picture smoothly. */
+  function groundAbout(one, x) {
+    const near = one.ground.filter(([at]) => Math.abs(at - x) < 5);
+    return near.reduce((total, [, y]) => total + y, 0) / Math.max(near.length, 1);
   }
 
   function polygon(context, points) {
@@ -521,13 +547,16 @@
     showFormula(one, step);
   }
 
-  function choose(key) {
+  /* What leads to a box and from it; an output stands for the node that it shows. */
+  function choose(key, dimOthers = true) {
     now.chosen = key;
+    const shown = boxes.find((box) => box.key === key);
+    const keys = shown && shown.signal !== null ? [key, signalKey(shown.signal)] : [key];
     for (const box of boxes) {
       box.element.classList.toggle("chosen", box.key === key);
     }
-    const near = (curve) => curve.target === key || signalKey(curve.source) === key;
-    graph.classList.toggle("choosing", key !== "" && curves.some(near));
+    const near = (curve) => keys.includes(curve.target) || (keys.includes(signalKey(curve.source)) && curve.target !== key);
+    graph.classList.toggle("choosing", dimOthers && curves.some(near));
     for (const curve of curves) {
       curve.element.classList.toggle("near", near(curve));
     }
@@ -566,12 +595,12 @@
     const { name, signal } = data.outputs[box.output];
     const value = one.outputs[step * NUM_OUTPUTS + box.output];
     const head = element("div", "head", element("b", "", `y${box.output}`), ` output, ${name}`);
-    let text = `= ${signal === undefined ? "constant" : signalKey(signal)} = ${signed(value)}`;
+    let text = `y${box.output} = ${signal === undefined ? "constant" : signalKey(signal)} = ${signed(value)}`;
     if (data.action) {
       const low = data.action.low[box.output];
       const high = data.action.high[box.output];
       const action = low + ((Math.max(-1, Math.min(1, value / ONE)) + 1) / 2) * (high - low);
-      text += `, the action ${action.toFixed(3).replace("-", "−")}`;
+      text += ` → action ${action.toFixed(3).replace("-", "−")}`;
     } else {
       const row = one.outputs.subarray(step * NUM_OUTPUTS, (step + 1) * NUM_OUTPUTS);
       text += row.indexOf(Math.max(...row)) === box.output ? ", the largest: chosen" : ", not the largest";
@@ -697,6 +726,7 @@
       box.element.addEventListener("focus", () => choose(box.key));
       box.element.addEventListener("click", () => choose(box.key));
     }
+    graph.addEventListener("pointerleave", () => choose(now.chosen, false));
     document.addEventListener("keydown", onKey);
     window.addEventListener("resize", show);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
@@ -715,7 +745,7 @@
     chooseEpisode(0);
     await recompute(bytes(data.modules.step.wasm));
     byId("fault").hidden = !data.modules.step.additions.length;
-    choose(now.chosen);
+    choose(now.chosen, false);
     document.documentElement.dataset.ready = "true";
     if (!calm.matches) {
       play(true);
