@@ -27,6 +27,8 @@ EXAMPLE = """\
 
 DEFAULT_TARGETS = "host-unrolled,host-table,cortex-m0,wasm32"
 MAX_SEEDS = 12
+MAX_STEPS = 2000
+"""Of an episode, here and in the verification: an environment may have no time limit, and the page must stay small."""
 MAX_JSON_BYTES = 16 * 1024 * 1024
 
 
@@ -104,7 +106,14 @@ def _sources(args: argparse.Namespace) -> Sources:
     given = None if args.verify is None else _verdict(args.verify, champion)
     environment = environment_of(champion, Settings())
     targets = select(target_names(args.targets or DEFAULT_TARGETS))
-    episodes = record(champion.controller.canonical, champion.action, environment, args.seeds, progress=_recorded)
+    episodes = record(
+        champion.controller.canonical,
+        champion.action,
+        environment,
+        args.seeds,
+        max_steps=MAX_STEPS,
+        progress=_recorded,
+    )
     _say("measuring sizes")
     sizes = measure_sizes(champion, targets, speed=True)
     verification = given if given is not None else _verified(args, champion)
@@ -124,7 +133,7 @@ def _verified(args: argparse.Namespace, champion: Champion) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
         file = CFile.write(page_code(champion), Path(folder))
         return verify(
-            champion, file, targets, Settings(episodes=args.episodes), handed_out=False, note=_say
+            champion, file, targets, Settings(episodes=args.episodes, max_steps=MAX_STEPS), handed_out=False, note=_say
         ).to_data()
 
 

@@ -91,7 +91,7 @@ def build_page(sources: Sources) -> Page:
             policy=_policy(script, style),
             script=Markup(script),
             style=Markup(style),
-            data=_json(_data(sources, controller, step, run, inputs, outputs)),
+            data=_json(_data(sources, {"step": step, "run": run}, inputs, outputs)),
             graph=layout(controller, inputs, outputs),
             facts=_facts(sources, controller),
             environment=sources.environment,
@@ -161,9 +161,10 @@ def _json(data: Any) -> Markup:
 
 
 def _data(
-    sources: Sources, controller: Controller, step: Module, run: Module, inputs: Sequence[str], outputs: Sequence[str]
+    sources: Sources, modules: Mapping[str, Module], inputs: Sequence[str], outputs: Sequence[str]
 ) -> dict[str, Any]:
     """What the script needs."""
+    controller = sources.champion.controller.canonical
     place = Layout(controller)
     action = sources.champion.action
     return {
@@ -182,13 +183,18 @@ def _data(
             for node in controller.nodes
         ],
         "outputs": [
-            {"name": name, "signal": output.index} if isinstance(output, Signal) else {"name": name, "constant": output.value}
+            {"name": name, "signal": output.index}
+            if isinstance(output, Signal)
+            else {"name": name, "constant": output.value}
             for name, output in zip(outputs, controller.outputs, strict=True)
         ],
         "action": {"low": list(action.low), "high": list(action.high)} if isinstance(action, BoxAction) else None,
         "slots": [place.slot_of(signal) for signal in range(controller.num_signals)],
         "workspace": place.workspace_length,
-        "modules": {"step": {**step.to_data(), "additions": _additions(step)}, "run": run.to_data()},
+        "modules": {
+            "step": {**modules["step"].to_data(), "additions": _additions(modules["step"])},
+            "run": modules["run"].to_data(),
+        },
         "lengthSteps": LENGTH_STEPS,
         "angleSteps": ANGLE_STEPS,
         "framesPerSecond": 50,

@@ -151,7 +151,7 @@ def lines(key: str, title: str, labels: tuple[str, str], xs: Sequence[float], se
         return None
     x = _Scale(min(xs), max(xs), LEFT, WIDTH - RIGHT)
     y = _Scale(min(finite), max(finite), HEIGHT - BOTTOM, TOP)
-    x.low, x.high = min(xs), max(max(xs), min(xs) + 1)  # the last generation ends the axis, not the last tick
+    x.low, x.high = min(xs), max(*xs, min(xs) + 1)  # the last generation ends the axis, not the last tick
     step = max(tick_step(x.high - x.low), 1.0)
     first = math.ceil(x.low / step)
     ticks = [value * step for value in range(first, math.floor(x.high / step) + 1)]
@@ -178,7 +178,8 @@ def scatter(key: str, title: str, labels: tuple[str, str], points: Sequence[Poin
     x = _Scale(min(p.x for p in points), max(p.x for p in points), LEFT, WIDTH - RIGHT)
     y = _Scale(min(p.y for p in points), max(p.y for p in points), HEIGHT - BOTTOM, TOP)
     dots = tuple(
-        Dot(x(p.x), y(p.y), p.name, f"{p.name}: {number(p.x)} {labels[0]}, {number(p.y)}", p.strong, p.named) for p in points
+        Dot(x(p.x), y(p.y), p.name, f"{p.name}: {number(p.x)} {labels[0]}, {number(p.y)}", p.strong, p.named)
+        for p in points
     )
     path = "".join(_stair(front(points), x, y))
     return Chart(key, title, *labels, x.ticks(), y.ticks(), dots=dots, front=path)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from bitneat.controller import Constant, Controller, Node, Signal
+from bitneat.controller import Controller, Node, Signal
 
 INPUT_WIDTH = 184
 PIN_WIDTH = 124
@@ -122,7 +122,9 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
         for s in nodes
         for link in _node(controller, s).links
     ]
-    curves += [Curve(pin.signal, pin.key, 0, 0, 0, _path(boxes[pin.signal], pin)) for pin in outputs if pin.signal is not None]
+    curves += [
+        Curve(pin.signal, pin.key, 0, 0, 0, _path(boxes[pin.signal], pin)) for pin in outputs if pin.signal is not None
+    ]
     return Graph(
         width=lefts[-1] + PIN_WIDTH,
         height=height,
@@ -155,7 +157,9 @@ def _layers(controller: Controller) -> dict[int, int]:
     """The layer of each node, and of each input that something reads; a node that only outputs read is in the last."""
     num_inputs = len(controller.inputs)
     read = {link.source for node in controller.nodes for link in node.links}
-    layers = {s: 0 for s in sorted(read | {o.index for o in controller.outputs if isinstance(o, Signal)}) if s < num_inputs}
+    layers = {
+        s: 0 for s in sorted(read | {o.index for o in controller.outputs if isinstance(o, Signal)}) if s < num_inputs
+    }
     for signal, node in enumerate(controller.nodes, start=num_inputs):
         layers[signal] = max([layers[link.source] for link in node.links if not link.delay] + [0]) + 1
     last = max(layers.values(), default=0)
@@ -174,7 +178,9 @@ def _columns(controller: Controller, layers: dict[str, int], heights: dict[str, 
         for link in node.links
         if not link.delay
     ]
-    edges += [(signal_key(o.index, num_inputs), f"y{i}") for i, o in enumerate(controller.outputs) if isinstance(o, Signal)]
+    edges += [
+        (signal_key(o.index, num_inputs), f"y{i}") for i, o in enumerate(controller.outputs) if isinstance(o, Signal)
+    ]
     for source, target in edges:
         vertices[source].neighbours.append(vertices[target])
         vertices[target].neighbours.append(vertices[source])

@@ -94,7 +94,11 @@ def history_charts(history: History) -> list[Chart]:
         return []
     rewards = [("best", "best of the generation", 1), ("selection", "champion so far, selection seeds", 2)]
     rewards += [("smallest_mean", "smallest above the floor", 3), ("mean", "mean of all", 3)]
-    sizes = [("best_links", "links of the best", 1), ("mean_links", "mean links", 3), ("best_nodes", "nodes of the best", 2)]
+    sizes = [
+        ("best_links", "links of the best", 1),
+        ("mean_links", "mean links", 3),
+        ("best_nodes", "nodes of the best", 2),
+    ]
     sizes += [("best_bytes", "bytes of the best", 1), ("smallest", "smallest above the floor, bytes", 2)]
     charts = [
         lines(key, title, ("generation", label), xs, [Series(n, columns[c], tone) for c, n, tone in of if c in columns])
@@ -120,4 +124,4 @@ def score(champion: Champion, which: str) -> float | None:
     """The mean of ``held_out`` or ``selection`` in a champion's provenance, if it is there and a number."""
     entry = champion.provenance.get(which)
     mean = entry.get("mean") if isinstance(entry, Mapping) else None
-    return float(mean) if type(mean) in (int, float) else None
+    return float(mean) if isinstance(mean, (int, float)) and not isinstance(mean, bool) else None

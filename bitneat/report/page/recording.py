@@ -55,7 +55,6 @@ class RecordedEpisode:
     outputs: npt.NDArray[np.int16]
     rewards: npt.NDArray[np.float32]
     reward: float
-    ended: str
     scene: Scene | None = None
     poses: npt.NDArray[np.int16] | None = None
 
@@ -70,7 +69,6 @@ class RecordedEpisode:
             "seed": self.seed,
             "steps": self.steps,
             "reward": self.reward,
-            "ended": self.ended,
             "inputs": encoded(self.inputs, "<i2"),
             "outputs": encoded(self.outputs, "<i2"),
             "rewards": encoded(self.rewards, "<f4"),
@@ -116,11 +114,12 @@ def record(
     Raises:
         BitneatError: if the environment cannot be made, or an observation holds a NaN.
     """
+    recorder = _Recorder(controller, action, spec, max_steps)
     episodes = []
     for seed in seeds:
         environment = make(spec)
         try:
-            episodes.append(_episode(controller, action, environment, spec, seed, max_steps))
+            episodes.append(recorder.run(environment, seed))
         finally:
             environment.close()
         if progress is not None:
@@ -128,40 +127,44 @@ def record(
     return episodes
 
 
-def _episode(
-    controller: Controller, action: Action, environment: Any, spec: EnvironmentSpec, seed: int, max_steps: int | None
-) -> RecordedEpisode:
-    encode, reference = Encoder(controller), Reference(controller)
-    observation, _ = environment.reset(seed=seed)
-    world = environment.unwrapped if bipedal.is_walker(spec) and _has_bodies(environment.unwrapped) else None
-    inputs, outputs, rewards, poses = [], [], [], []
-    total, ended = 0.0, ""
-    while not ended:
-        signals = encode(np.reshape(observation, -1))
-        answer = np.array(reference.step(signals.tolist()), dtype=np.int16)
-        inputs.append(signals)
-        outputs.append(answer)
-        if world is not None:
-            poses.append(_pose(world))
-        observation, reward, terminated, truncated, _ = environment.step(action.decode(answer, controller.frac_bits))
-        total += float(reward)
-        rewards.append(total)
-        if terminated:
-            ended = "terminated"
-        elif truncated or len(inputs) == max_steps:
-            ended = "time limit"
-    if not np.isfinite(total):
-        raise BitneatError(f"environment {spec.id}: the rewards of seed {seed} do not add up to a finite number")
-    return RecordedEpisode(
-        seed=seed,
-        inputs=np.stack(inputs),
-        outputs=np.stack(outputs),
-        rewards=np.array(rewards, dtype=np.float32),
-        reward=total,
-        ended=ended,
-        scene=None if world is None else _scene(world),
-        poses=None if world is None else np.stack(poses),
-    )
+@dataclass(frozen=True, slots=True)
+class _Recorder:
+    controller: Controller
+    action: Action
+    spec: EnvironmentSpec
+    max_steps: int | None
+
+    def run(self, environment: Any, seed: int) -> RecordedEpisode:
+        controller, spec = self.controller, self.spec
+        encode, reference = Encoder(controller), Reference(controller)
+        observation, _ = environment.reset(seed=seed)
+        world = environment.unwrapped if bipedal.is_walker(spec) and _has_bodies(environment.unwrapped) else None
+        inputs, outputs, rewards, poses = [], [], [], []
+        total, over = 0.0, False
+        while not over:
+            signals = encode(np.reshape(observation, -1))
+            answer = np.array(reference.step(signals.tolist()), dtype=np.int16)
+            inputs.append(signals)
+            outputs.append(answer)
+            if world is not None:
+                poses.append(_pose(world))
+            observation, reward, terminated, truncated, _ = environment.step(
+                self.action.decode(answer, controller.frac_bits)
+            )
+            total += float(reward)
+            rewards.append(total)
+            over = bool(terminated or truncated) or len(inputs) == self.max_steps
+        if not np.isfinite(total):
+            raise BitneatError(f"environment {spec.id}: the rewards of seed {seed} do not add up to a finite number")
+        return RecordedEpisode(
+            seed=seed,
+            inputs=np.stack(inputs),
+            outputs=np.stack(outputs),
+            rewards=np.array(rewards, dtype=np.float32),
+            reward=total,
+            scene=None if world is None else _scene(world),
+            poses=None if world is None else np.stack(poses),
+        )
 
 
 def _has_bodies(world: Any) -> bool:

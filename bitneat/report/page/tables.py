@@ -95,7 +95,7 @@ def verify_rows(verification: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 def flat_rows(data: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The values of nested plain data, each with the path to it."""
-    rows = []
+    rows: list[tuple[str, str]] = []
     for row in _flat("", data):
         if len(rows) == MAX_ROWS:
             rows.append(("…", "more in the file"))
