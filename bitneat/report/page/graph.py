@@ -69,6 +69,11 @@ class Graph:
     """The inputs that nothing reads; they are not drawn."""
     crowded: bool
 
+    @property
+    def has_delayed(self) -> bool:
+        """Whether a link reads the step before."""
+        return any(curve.delay for curve in self.curves)
+
 
 @dataclass
 class _Vertex:
