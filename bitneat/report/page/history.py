@@ -21,6 +21,8 @@ from bitneat.report.page.charts import Chart, Point, Series, lines, scatter
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 MAX_ROWS = 100_000
+MAX_DRAWN = 1_500
+"""Rows of a history that the charts have."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def _candidates(path: Path) -> list[Point]:
 
 def history_charts(history: History) -> list[Chart]:
     """Reward and size over the generations, as far as the run has them."""
-    columns = history.columns
+    columns = _thinned(history.columns)
     xs = columns.get("generation", ())
     if not xs:
         return []
@@ -108,6 +110,13 @@ def history_charts(history: History) -> list[Chart]:
         )
     ]
     return [chart for chart in charts if chart is not None]
+
+
+def _thinned(columns: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float, ...]]:
+    """At most `MAX_DRAWN` rows, evenly chosen: more do not show, and make the page large."""
+    count = max((len(values) for values in columns.values()), default=0)
+    stride = max(-(-count // MAX_DRAWN), 1)
+    return {name: values[::stride] for name, values in columns.items()}
 
 
 def pareto_chart(history: History, champion: Champion, others: Sequence[tuple[str, Champion]]) -> Chart | None:

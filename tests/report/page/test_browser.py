@@ -316,6 +316,17 @@ def test_without_webassembly_it_says_so_and_shows_what_was_recorded(browser: Bro
         assert [values[f"y{index}"] for index in range(4)] == [str(y) for y in walker.episodes[0].outputs[50]]
 
 
+def test_where_webassembly_is_forbidden_it_says_so(browser: Browser, pendulum: Made, tmp_path: Path) -> None:
+    path = tmp_path / "forbidden.html"
+    path.write_text(pendulum.html.replace(" &#39;wasm-unsafe-eval&#39;", ""), encoding="utf-8")
+    page = browser.new_page(reduced_motion="reduce")
+    page.goto(path.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    text = "This browser forbids WebAssembly in this page, so nothing was computed here."
+    assert verdict(page) == ("unavailable", text)
+    page.close()
+
+
 def test_text_from_the_champion_stays_text(browser: Browser, walker: Made) -> None:
     with opened(browser, walker.path) as page:
         assert page.evaluate("window.planted") is None

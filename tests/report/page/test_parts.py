@@ -24,7 +24,7 @@ from bitneat.errors import BitneatError
 from bitneat.report.page.charts import Point, Series, front, lines, number, scatter, tick_step
 from bitneat.report.page.graph import layout, spread
 from bitneat.report.page.highlight import highlighted
-from bitneat.report.page.history import history_charts, read_history
+from bitneat.report.page.history import MAX_DRAWN, History, history_charts, read_history
 from bitneat.report.page.recording import ANGLE_STEPS, LENGTH_STEPS, encoded, record
 from bitneat.report.page.webassembly import compile_module, without_custom_sections
 from bitneat.sim.environment import make
@@ -244,3 +244,9 @@ def test_the_course_and_the_candidates_of_an_evolving_run_are_read(tmp_path: Pat
     champion = load(tmp_path / "run" / "champion.pkl")
     assert len(pack(champion.controller.canonical)) in {point.x for point in history.points}
     assert all(0 < point.y <= 500 for point in history.points)
+
+
+def test_a_long_history_is_drawn_with_fewer_points() -> None:
+    values = tuple(float(value) for value in range(10_000))
+    (chart,) = history_charts(History({"generation": values, "best": values}))
+    assert 1000 <= len(chart.rows) <= MAX_DRAWN

@@ -133,8 +133,12 @@
         compare(run, episode, inside, keepSignals(episode));
       }
     } catch (error) {
-      const blocked = error instanceof WebAssembly.CompileError && /unsafe-eval|Content Security/.test(error.message);
-      showVerdict("fail", "failed", blocked ? "This browser forbids WebAssembly here, so nothing was computed." : `The module does not run: ${error.message}`);
+      // A browser that does not know 'wasm-unsafe-eval' compiles nothing here; that says nothing of the module.
+      if (error instanceof WebAssembly.CompileError && /unsafe-eval|Content Security/.test(error.message)) {
+        showVerdict("unavailable", "not run", "This browser forbids WebAssembly in this page, so nothing was computed here.");
+      } else {
+        showVerdict("fail", "failed", `The module does not run: ${error.message}`);
+      }
       return;
     }
     const wrong = found.first ? found : inside;
@@ -661,12 +665,14 @@
       cursor.setAttribute("x1", rows[index].dataset.at);
       cursor.setAttribute("x2", rows[index].dataset.at);
     };
-    svg.addEventListener("pointermove", (event) => {
+    const point = (event) => {
       const box = svg.getBoundingClientRect();
       const at = ((event.clientX - box.left) / box.width) * svg.viewBox.baseVal.width;
       const distances = rows.map((row) => Math.abs(Number(row.dataset.at) - at));
       read(distances.indexOf(Math.min(...distances)));
-    });
+    };
+    svg.addEventListener("pointermove", point);
+    svg.addEventListener("pointerdown", point);
     svg.addEventListener("keydown", (event) => {
       const move = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
       if (move) {
