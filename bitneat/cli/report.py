@@ -6,7 +6,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
     if args.output.is_dir():
         raise BitneatError(f"{args.output}: is a folder, expected the name of an HTML file")
     allow_imports(args.imports)
-    sources = _sources(args)
-    page = build_page(sources)
+    with _progress() as progress:
+        sources = _sources(args, progress)
+        page = build_page(sources)
     content = page.html.encode()
     write_atomic(args.output, content)
     passed = sources.verification["verdict"] == "pass"
@@ -89,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     return 0 if passed else 1
 
 
-def _sources(args: argparse.Namespace) -> Sources:
+def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
     from bitneat.champion import load
     from bitneat.report.page import Sources
     from bitneat.report.page.history import read_history
@@ -112,15 +115,15 @@ def _sources(args: argparse.Namespace) -> Sources:
         environment,
         args.seeds,
         max_steps=MAX_STEPS,
-        progress=_recorded,
+        progress=lambda episode: progress.say(_recorded(episode)),
     )
-    _say("measuring sizes")
+    progress.say("measuring sizes")
     sizes = measure_sizes(champion, targets, speed=True)
-    verification = given if given is not None else _verified(args, champion)
+    verification = given if given is not None else _verified(args, champion, progress)
     return Sources(champion, environment, episodes, sizes, verification, proof, history, others)
 
 
-def _verified(args: argparse.Namespace, champion: Champion) -> dict[str, Any]:
+def _verified(args: argparse.Namespace, champion: Champion, progress: _Progress) -> dict[str, Any]:
     """Verify here and now the C that the page shows; its path says nothing to a reader of the page."""
     import tempfile
 
@@ -129,11 +132,17 @@ def _verified(args: argparse.Namespace, champion: Champion) -> dict[str, Any]:
     from bitneat.verify.check import Settings, verify
     from bitneat.verify.targets import select
 
+    progress.say("verifying the C")
     targets = select(target_names(args.targets or DEFAULT_TARGETS))
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
         file = CFile.write(page_code(champion), Path(folder))
         return verify(
-            champion, file, targets, Settings(episodes=args.episodes, max_steps=MAX_STEPS), handed_out=False, note=_say
+            champion,
+            file,
+            targets,
+            Settings(episodes=args.episodes, max_steps=MAX_STEPS),
+            handed_out=False,
+            note=progress.note,
         ).to_data()
 
 
@@ -166,12 +175,33 @@ def _seeds(text: str) -> tuple[int, ...]:
     return seeds
 
 
-def _recorded(episode: RecordedEpisode) -> None:
-    _say(f"recorded seed {episode.seed}: {episode.steps} steps, reward {episode.reward:.1f}")
+def _recorded(episode: RecordedEpisode) -> str:
+    return f"recorded seed {episode.seed}: {episode.steps} steps, reward {episode.reward:.1f}"
 
 
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+@dataclass(frozen=True)
+class _Progress:
+    """What is done now, on stderr: ``say`` for what takes long, ``note`` for the parts of it."""
+
+    say: Callable[[str], None]
+    note: Callable[[str], None]
+
+
+@contextmanager
+def _progress() -> Iterator[_Progress]:
+    """One line that changes on a terminal; elsewhere a line for each of what is said, and none for the notes."""
+    if not sys.stderr.isatty():
+        yield _Progress(lambda text: print(text, file=sys.stderr, flush=True), lambda text: None)
+        return
+    from rich.console import Console
+    from rich.markup import escape
+
+    with Console(stderr=True).status("starting") as status:
+
+        def show(text: str) -> None:
+            status.update(escape(text))
+
+        yield _Progress(show, show)
 
 
 def _summary(args: argparse.Namespace, sources: Sources, page: Page, size: int) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from bitneat.controller import Controller, Node, Signal
 
 INPUT_WIDTH = 184
-PIN_WIDTH = 124
 ROW = 23.0
 """Height of an input's row, and of a node where there are many."""
 WIDE_ROW = 27.0
@@ -103,7 +102,8 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
     row = ROW if sum(layers[s] == 0 for s in layers) > FEW else WIDE_ROW
     columns = _columns(controller, vertices, {"x": row, "n": node_height, "y": 30.0})
     height = _place(columns)
-    gap = 74.0 if num_layers > 3 else 96.0
+    gap = 58.0 if num_layers > 3 else 96.0
+    pin_width = 68.0 + 6.6 * max(len(name) for name in output_names)
     first_gap = 130.0 if crowded else gap
     node_width = 80.0 if crowded else 104.0
     lefts = [0.0, *(INPUT_WIDTH + first_gap + column * (node_width + gap) for column in range(num_layers + 1))]
@@ -111,7 +111,7 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
 
     def box(key: str, signal: int | None, label: str, detail: str) -> Box:
         vertex = place[key]
-        width = {"x": INPUT_WIDTH, "n": node_width, "y": PIN_WIDTH}[key[0]]
+        width = {"x": INPUT_WIDTH, "n": node_width, "y": pin_width}[key[0]]
         return Box(key, signal, lefts[vertex.layer], round(vertex.y, 1), width, vertex.height, label, detail)
 
     boxes = {
@@ -131,7 +131,7 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
         Curve(pin.signal, pin.key, 0, 0, 0, _path(boxes[pin.signal], pin)) for pin in outputs if pin.signal is not None
     ]
     return Graph(
-        width=lefts[-1] + PIN_WIDTH,
+        width=lefts[-1] + pin_width,
         height=height,
         inputs=tuple(boxes[s] for s in sorted(boxes) if s < num_inputs),
         nodes=tuple(boxes[s] for s in sorted(boxes) if s >= num_inputs),
