@@ -33,11 +33,11 @@ demo: $(READY)
 
 test: $(READY)
 	@tools/install-debian-tools.sh
-	@$(BIN)/python -m pytest -n auto --dist loadgroup -m "not long"
+	@$(BIN)/python -m pytest -n auto -m "not long"
 
 test-long: $(READY)
 	@tools/install-debian-tools.sh
-	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto --dist loadgroup
+	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
 
 test-baselines: $(READY)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,baselines]'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The page in a real Chromium, opened from the disk. One worker runs all of these, with one browser."""
+"""The page in a real Chromium, opened from the disk; each worker that runs some of these has one browser."""
 
 from __future__ import annotations
 
@@ -20,8 +20,6 @@ from bitneat.champion import Champion, load, save_pickle
 from bitneat.controller import Controller, Link
 from tests.report.page.pages import HOSTILE, QUICK, TINY, Truth, data_of, spread_steps, truth, with_data, write_page
 from tests.verify.champions import champion as random_champion
-
-pytestmark = pytest.mark.xdist_group("browser")
 
 ARGUMENTS = (
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"),
