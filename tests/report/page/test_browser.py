@@ -295,10 +295,9 @@ def test_a_module_that_does_not_load_is_a_failure(browser: Browser, pendulum: Ma
 def test_the_reader_can_plant_faults_and_put_them_right(browser: Browser, walker: Made) -> None:
     with opened(browser, walker.path) as page:
         states = []
-        for _ in range(4):
+        for offset in data_of(walker.html)["modules"]["step"]["additions"][:4]:
             page.click("#fault")
-            wait_until(page, "document.getElementById('fault-text').textContent !== ''")
-            page.wait_for_timeout(60)
+            wait_until(page, f"document.getElementById('fault-text').textContent.includes('at byte {offset} of')")
             states.append(verdict(page)[0])
         assert "fail" in states
         page.click("#repair")

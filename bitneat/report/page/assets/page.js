@@ -156,15 +156,15 @@
 
   const fault = { next: 0 };
 
-  function plantFault() {
+  async function plantFault() {
     const additions = data.modules.step.additions;
     const offset = additions[fault.next % additions.length];
     fault.next += 1;
     const content = bytes(data.modules.step.wasm);
     content[offset] = 0x6b;
+    await recompute(content);
     byId("repair").hidden = false;
     byId("fault-text").textContent = `One byte changed: the addition at byte ${offset} of ${content.length} is now a subtraction.`;
-    return recompute(content);
   }
 
   function repair() {
