@@ -17,6 +17,7 @@ avr-objdump:binutils-avr
 simavr:simavr
 qemu-system-arm:qemu-system-arm
 riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
+chromium:chromium
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="

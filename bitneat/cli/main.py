@@ -56,6 +56,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bitneat.cli.size",
         "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step",
     ),
+    "report": (
+        "bitneat.cli.report",
+        "write one HTML file: the walk, the controller at work, its C in the browser, sizes, verdicts, provenance",
+    ),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
     "import": (

@@ -14,6 +14,7 @@ from bitneat.native import runtime_dir, templates_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("bitneat", "codegen", "runtime_c", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
+PAGE = ("page.css", "page.html.j2", "page.js")
 SHOW = (
     "import bitneat, pathlib\n"
     "from bitneat.native import runtime_dir, templates_dir\n"
@@ -70,6 +71,8 @@ def test_a_wheel_carries_templates_and_runtime(checkout: Path, tmp_path: Path) -
     assert runtime == str(site / "bitneat" / "_data" / "runtime_c")
     for installed, original in ((templates, "codegen/templates"), (runtime, "runtime_c")):
         assert names(Path(installed)) == names(checkout / original)
+    assets = Path("bitneat", "report", "page", "assets")
+    assert names(site / assets) == names(checkout / assets) == {"chart.svg.j2", "graph.svg.j2", *PAGE}
 
 
 def test_an_editable_install_uses_the_edited_template(checkout: Path, tmp_path: Path) -> None:
