@@ -48,6 +48,8 @@ class Job:
     method: str = ""
     steps: int = 0
     """Of a baseline: the budget in steps."""
+    preset: str = ""
+    """Of what evolves: the preset, if not ``paper-SYSTEM``."""
 
 
 @dataclass(frozen=True)

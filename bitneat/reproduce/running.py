@@ -56,7 +56,7 @@ def run(job: Job, folder: Path, results: Mapping[str, Result], command: str) -> 
 
 def configuration(job: Job, results: Mapping[str, Result]) -> Config:
     """The configuration of a job that evolves; two depend on other jobs' results."""
-    config = load_config(f"paper-{job.system}")
+    config = load_config(_preset(job))
     for section, values in job.overrides.items():
         config = config.with_values(section, **values)
     if job.group == "table" and job.system == "softmax":
@@ -65,6 +65,10 @@ def configuration(job: Job, results: Mapping[str, Result]) -> Config:
     if job.group == "table" and job.system == "bit-gains" and "max_total_steps" not in job.overrides["evolve"]:
         config = config.with_values("evolve", max_total_steps=results[f"bit-{job.seed}"].steps)
     return config
+
+
+def _preset(job: Job) -> str:
+    return job.preset or f"paper-{job.system}"
 
 
 def mismatch(result: Result, job: Job, results: Mapping[str, Result]) -> str | None:
@@ -125,7 +129,7 @@ def _evolved(job: Job, folder: Path, results: Mapping[str, Result], command: str
         command,
         policy,
         outcome.score,
-        config={"preset": f"paper-{job.system}", "text": settings.config.text},
+        config={"preset": _preset(job), "text": settings.config.text},
         episodes=sum(int(row["episodes"]) for row in rows),
         steps=sum(int(row["steps"]) for row in rows),
         generations=len(rows),
