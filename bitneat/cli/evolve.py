@@ -124,9 +124,8 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, settings.environment, info, max_steps)
         return carry_on(folder, settings, info, evaluator, progress, check=recheck)
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"bitneat: stopped; continue with: bitneat evolve --resume {folder.path}", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        stop.args = (f"stopped; continue with: bitneat evolve --resume {folder.path}",)
         raise
     except SimulatorsDifferError:
         raise  # the folder stays even without a checkpoint, for --resume with the other simulator
