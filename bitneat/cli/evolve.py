@@ -17,6 +17,7 @@ from bitneat.errors import BitneatError
 if TYPE_CHECKING:
     from bitneat.evolve.config import Config
     from bitneat.evolve.evaluation import Evaluator
+    from bitneat.evolve.progress import Progress
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
@@ -56,6 +57,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
     parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    parser.add_argument("--plain", action="store_true", help="plain lines on a terminal, too, and no live view")
+    parser.add_argument(
+        "--tensorboard",
+        metavar="DIR",
+        nargs="?",
+        const="",
+        help="log for TensorBoard, into DIR (default RUN/tensorboard; again with --resume; needs bitneat[tensorboard])",
+    )
     add_json(parser)
 
 
@@ -80,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         from bitneat.champion import save_pickle
 
         save_pickle(outcome.champion, Path("champion.pkl"))
-    _print_summary(folder, outcome)
+    _print_summary(folder, outcome, settings.config)
     if args.json is not None:
         from bitneat.files import write_json
 
@@ -104,7 +113,6 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
-    from bitneat.evolve.progress import progress_for
     from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
@@ -113,13 +121,14 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     info = inspect(settings.environment)
     max_steps = episode_limit(settings.config, settings.environment, info)
     simulator = choose_simulator(settings.environment, args.simulator)
+    progress = _progress(args, folder)
     if args.resume is None:
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
         folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
-    progress = progress_for()
+    _tell_of_linear_start_alone(settings.config)
     evaluator: Evaluator | None = None
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, settings.environment, info, max_steps)
@@ -138,6 +147,27 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         if evaluator is not None:
             evaluator.close()
         progress.close()
+
+
+def _progress(args: argparse.Namespace, folder: RunFolder) -> Progress:
+    from bitneat.evolve.progress import Together, progress_for
+
+    shown = progress_for(plain=args.plain)
+    if args.tensorboard is None:
+        return shown
+    from bitneat.evolve.tensorboard import TensorBoardProgress
+
+    return Together((shown, TensorBoardProgress(Path(args.tensorboard or folder.path / "tensorboard"))))
+
+
+def _tell_of_linear_start_alone(config: Config) -> None:
+    linear, generations = config["evolve"]["linear_generations"], config["evolve"]["generations"]
+    if 0 < generations <= linear:
+        print(
+            f"bitneat: only the linear start runs: it takes {linear} generations, and {generations} are asked for;"
+            " NEAT begins after them",
+            file=sys.stderr,
+        )
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
@@ -216,11 +246,13 @@ def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
     return arguments
 
 
-def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
+def _print_summary(folder: RunFolder, outcome: Outcome, config: Config) -> None:
     from bitneat.evolve.lowering import has_path
 
     if not outcome.finished:
-        print("stopped by --time")
+        done, linear = outcome.champion.provenance["generations"], config["evolve"]["linear_generations"]
+        where = f" in the linear start, before NEAT began: {done} of its {linear} generations" if done < linear else ""
+        print(f"stopped by --time{where}")
     print_champion(summary(folder, outcome))
     if not has_path(outcome.candidate.controller):
         print(

@@ -228,7 +228,9 @@ def test_a_killed_run_resumes_to_the_same_bytes_and_leaves_no_process(tmp_path: 
     assert (tmp_path / "killed/champion.pkl").read_bytes() == (tmp_path / "whole/champion.pkl").read_bytes()
 
 
-@pytest.mark.parametrize(("send", "number", "status"), [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("send", "number", "status"), [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143)]
+)
 def test_an_interrupt_stops_cleanly_keeps_the_checkpoint_and_says_how_to_continue(
     tmp_path: Path, config_file: str, send: Callable[[int, int], None], number: int, status: int
 ) -> None:
