@@ -61,7 +61,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step",
     ),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
-    "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
+    "plot": (
+        "bitneat.cli.plot",
+        "draw runs, networks, champions by size, sizes, or the activations (needs bitneat[plot])",
+    ),
     "import": (
         "bitneat.cli.import_",
         "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file",

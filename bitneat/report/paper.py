@@ -19,8 +19,6 @@ from bitneat.report.networks import draw
 
 Image = npt.NDArray[np.uint8]
 
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette, which all common kinds of colour vision tell apart."""
 _STYLES = ("-", "--", "-.", ":")
 
 
@@ -39,7 +37,7 @@ def fitness_figure(runs: Mapping[str, Sequence[Sequence[float]]], file_type: str
         for place, (system, histories) in enumerate(runs.items()):
             length = min(len(history) for history in histories)
             values = np.array([history[:length] for history in histories])
-            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            colour, style = figure.CYCLE[place % len(figure.CYCLE)], _STYLES[place % len(_STYLES)]
             generations = np.arange(length)
             label = f"{system} ({len(histories)} run{'s' if len(histories) > 1 else ''})"
             axes.plot(generations, values.mean(axis=0), color=colour, linestyle=style, linewidth=1.4, label=label)
@@ -68,7 +66,7 @@ def steps_figure(runs: Mapping[str, Sequence[tuple[Sequence[float], Sequence[flo
         page = Figure(figsize=(7.0, 4.0), layout="constrained")
         axes = page.add_subplot()
         for place, (system, histories) in enumerate(runs.items()):
-            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            colour, style = figure.CYCLE[place % len(figure.CYCLE)], _STYLES[place % len(_STYLES)]
             for number, (best, steps) in enumerate(histories):
                 label = system if number == 0 else None
                 axes.plot(np.cumsum(steps) / 1e6, best, color=colour, linestyle=style, linewidth=1.2, label=label)
