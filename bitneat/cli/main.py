@@ -65,6 +65,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bitneat.cli.plot",
         "draw runs, networks, champions by size, sizes, or the activations (needs bitneat[plot])",
     ),
+    "render": (
+        "bitneat.cli.render",
+        "record an episode as .gif, .mp4 or a strip of pictures (needs bitneat[render])",
+    ),
     "import": (
         "bitneat.cli.import_",
         "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file",

@@ -82,7 +82,7 @@ def test_the_settings_of_the_user_make_no_difference(tmp_path: Path) -> None:
     "arguments",
     [
         ["fitness", str(HISTORY), "--x", "steps"],
-        ["network", str(WALKER)],
+        ["network", str(TINY)],
         ["pareto", str(TINY), str(WALKER)],
         ["size", str(TINY), "--targets", "host-unrolled,host-table"],
     ],
