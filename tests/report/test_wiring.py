@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from bitneat.champion import Champion, EnvironmentSpec, FloatChampion
+from bitneat.champion import Champion, EnvironmentSpec, FloatChampion, load
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.errors import BitneatError
 from bitneat.network import FloatNetwork, FloatNode
@@ -118,3 +119,10 @@ def test_the_walkers_contacts_are_where_the_names_say() -> None:
     environment.close()
     two_valued = {names[i] for i in range(24) if set(seen[:, i]) == {0.0, 1.0}}
     assert two_valued == {"leg 1 contact", "leg 2 contact"}
+
+
+def test_the_documents_figure_is_of_the_committed_champion() -> None:
+    """If not: ``bitneat plot network examples/champions/tiny.pkl -o docs/network.svg``. Its bytes also depend on Matplotlib."""
+    root = Path(__file__).resolve().parents[2]
+    digest = load(root / "examples" / "champions" / "tiny.pkl").controller.sha256
+    assert f"<dc:description>sha256 {digest}</dc:description>" in (root / "docs" / "network.svg").read_text()
