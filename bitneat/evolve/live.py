@@ -123,9 +123,10 @@ class LiveProgress:
 
     def _phase(self) -> str:
         count = self._readings.linear_generations
+        if self._readings.is_linear_alone:
+            return f"linear start, which takes {count} generations, and no NEAT after it"
         if self._readings.in_linear_start:
-            rest = ", then NEAT" if count < self._readings.generations else ", and no NEAT after it"
-            return f"linear start, generation {self._readings.completed + 1} of {count}{rest}"
+            return f"linear start, generation {self._readings.completed + 1} of {count}, then NEAT"
         return f"NEAT, after {count} generations of linear start"
 
     def _time(self) -> str:

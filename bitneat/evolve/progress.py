@@ -101,6 +101,11 @@ class Readings:
         """True while the generation that runs belongs to the linear start."""
         return self.completed < self.linear_generations
 
+    @property
+    def is_linear_alone(self) -> bool:
+        """True if the run ends before NEAT could begin."""
+        return 0 < self.generations <= self.linear_generations
+
     def _packed_bytes(self, best: Candidate | None) -> int | None:
         if best is None:
             return None
@@ -142,7 +147,7 @@ class PlainProgress:
             "left": duration(reading.left),
         }
         self._print(" ".join(f"{name} {value}" for name, value in columns.items()))
-        if was_linear and not self._readings.in_linear_start:
+        if was_linear and not self._readings.in_linear_start and not self._readings.is_linear_alone:
             self._print("the linear start is over; NEAT goes on from its policy")
         if reading.solved is not None and not self._told_solved:
             self._told_solved = True

@@ -22,6 +22,7 @@ import pyte
 import pytest
 from rich.console import Console
 
+from bitneat.cli.main import main
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.evolve.live import LiveProgress, sparkline
 from bitneat.evolve.progress import PlainProgress, Together, progress_for
@@ -280,3 +281,18 @@ def test_plain_is_plain_on_a_terminal_too(folder: Path) -> None:
     assert b"\x1b" not in terminal.raw
     assert b"generation 1 best" in terminal.raw
     assert b"only the linear start runs: it takes 2 generations, and 2 are asked for" in terminal.raw
+    assert b"NEAT goes on" not in terminal.raw
+
+
+def test_a_time_limit_within_the_linear_start_is_told_of(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(arguments(9, "--time", "1e-9")) == 0
+    assert (
+        "stopped by --time in the linear start, before NEAT began: 1 of its 2 generations\n" in capsys.readouterr().out
+    )
+    assert main(["evolve", "--resume", "run", "--time", "1000", "--workers", "1"]) == 0
+    captured = capsys.readouterr()
+    assert "stopped" not in captured.out
+    assert "the linear start is over; NEAT goes on from its policy\n" in captured.err
