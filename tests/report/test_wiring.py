@@ -15,6 +15,7 @@ from bitneat.champion import Champion, EnvironmentSpec, FloatChampion, load
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.errors import BitneatError
 from bitneat.network import FloatNetwork, FloatNode
+from bitneat.report.figure import BLUE, VERMILION
 from bitneat.report.wiring import MAX_LINKS, network_figure, wiring
 from bitneat.sim.environment import inspect
 from bitneat.sim.names import input_names, output_names
@@ -53,6 +54,14 @@ def test_delayed_links_are_dashed_and_others_are_not() -> None:
     still = Controller(CONTROLLER.inputs, (Node((Link(0),)), Node((Link(3),))), CONTROLLER.outputs)
     assert dashes(still) == 0
     assert dashes(CONTROLLER) >= 2 + 1  # two links and the legend
+
+
+def test_links_that_add_are_blue_and_those_that_subtract_vermilion() -> None:
+    nodes = (Node((Link(0), Link(1), Link(2, 0, 0, -1))),)
+    svg = network_figure(Champion(Controller(CONTROLLER.inputs, nodes, (Signal(3),) * 3), BOX), "x", "svg").decode()
+    legend = 1
+    assert svg.count(f"stroke: {BLUE.lower()}") == 2 + legend
+    assert svg.count(f"stroke: {VERMILION.lower()}") == 1 + legend
 
 
 @given(controllers(max_inputs=4, max_nodes=6))
