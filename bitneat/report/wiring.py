@@ -31,7 +31,8 @@ _BOX = (0.9, 0.21)
 _LETTER = 0.062
 """Width of a letter of a name, in inches, on the safe side."""
 _MARGIN = 0.15
-_HEAD, _FOOT = 0.4, 0.45
+_HEAD, _FOOT, _UNDER = 0.4, 0.45, 0.3
+"""Inches for the title, for the legend, and for links that go back below the nodes."""
 _TIMES, _DIVIDED, _MINUS = "\u00d7", "\u00f7", "\u2212"
 
 
@@ -147,23 +148,24 @@ def network_figure(champion: AnyChampion, name: str, file_type: str) -> bytes:
         right = _MARGIN + _LETTER * max(len(text) for text in results)
         width = left + _COLUMN * max(picture.columns) + right
         width += max(0.0, 5.5 - width)
-        height = _HEAD + _FOOT + _ROW * (layout.height + 1.0)
+        foot = _FOOT + (0.0 if all(map(picture.is_forward, picture.wires)) else _UNDER)
+        height = _HEAD + foot + _ROW * (layout.height + 1.0)
         page = Figure(figsize=(width, height))
         axes = page.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.set_xlim(-left, width - left)  # one unit is an inch
         axes.set_ylim(0.0, height)
-        _Painter(axes, picture, layout).paint()
+        _Painter(axes, picture, layout, foot).paint()
         axes.text(_MARGIN - left, height - 0.12, _title(champion, name, picture), verticalalignment="top", fontsize=10)
         _legend(axes, picture, _MARGIN - left)
         return figure.render(page, file_type, f"bitneat: the network of {name}", f"sha256 {policy.sha256}")
 
 
 class _Painter:
-    def __init__(self, axes: Axes, picture: Wiring, layout: Layout) -> None:
+    def __init__(self, axes: Axes, picture: Wiring, layout: Layout, foot: float) -> None:
         self._axes, self._picture, self._layout = axes, picture, layout
         ends = [height for route in layout.routes for _, height in route] + list(layout.heights)
-        self._base = _FOOT + _ROW * (0.5 - min(ends))
+        self._base = foot + _ROW * (0.5 - min(ends))
         self._largest = max([abs(w.weight) for w in picture.wires if w.weight is not None] + [0.0])
         self._equal = len({abs(w.weight) for w in picture.wires if w.weight is not None}) < 2
 
@@ -302,7 +304,7 @@ def _title(champion: AnyChampion, name: str, picture: Wiring) -> str:
     else:
         kind = f"weights {_MINUS}1, 0, +1" if policy.is_ternary else "weights of powers of two"
         size = f", {len(pack(policy))} bytes packed"
-    unread = f"; {picture.unread} inputs are not read" if picture.unread else ""
+    unread = f"; inputs that are not read: {picture.unread}" if picture.unread else ""
     return f"{name}: {len(policy.nodes)} nodes, {policy.num_links} links, {kind}{size}{unread}"
 
 

@@ -42,7 +42,7 @@ def test_the_figure_names_inputs_activations_gains_biases_and_outputs() -> None:
     for text in ("hat +1 ÷8", "clamped", "input 0", "input 1", "output 0", "output 1 = 0.5", "output 2"):
         assert text in shown
     assert "input 2" not in shown
-    assert "1 inputs are not read" in shown
+    assert "inputs that are not read: 1" in shown
     assert "2 nodes, 5 links" in shown
     assert "value of the step before" in shown
 
