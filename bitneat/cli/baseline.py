@@ -47,8 +47,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         with _shown(sys.stderr) as show:
             result = train(args.method, steps, args.seed, folder, show)
-    except KeyboardInterrupt:
-        print("bitneat: stopped; the same command goes on from the last checkpoint", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        stop.args = ("stopped; the same command goes on from the last checkpoint",)
         raise
     held_out = result.heldout
     print(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import Config
     from bitneat.evolve.evaluation import Evaluator
+    from bitneat.evolve.progress import Progress
     from bitneat.evolve.recheck import Recheck
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
     from bitneat.sim.environment import EnvironmentInfo
@@ -70,6 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    parser.add_argument("--plain", action="store_true", help="plain lines on a terminal, too, and no live view")
+    parser.add_argument(
+        "--tensorboard",
+        metavar="DIR",
+        nargs="?",
+        const="",
+        help="log for TensorBoard, into DIR (default RUN/tensorboard; again with --resume; needs bitneat[tensorboard])",
+    )
     add_json(parser)
 
 
@@ -96,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         from bitneat.champion import save_pickle
 
         save_pickle(outcome.champion, Path("champion.pkl"))
-    _print_summary(folder, outcome)
+    _print_summary(folder, outcome, settings.config)
     if args.json is not None:
         from bitneat.files import write_json
 
@@ -120,7 +129,6 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
-    from bitneat.evolve.progress import progress_for
     from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
@@ -129,20 +137,20 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     info = inspect(settings.environment)
     max_steps = episode_limit(settings.config, settings.environment, info)
     simulator = choose_simulator(settings.environment, args.simulator)
+    progress = _progress(args, folder)
     if args.resume is None:
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
         folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
-    progress = progress_for()
+    _tell_of_linear_start_alone(settings.config)
     evaluator: Evaluator | None = None
     try:
         evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
         return carry_on(folder, settings, info, evaluator, progress, check=recheck)
-    except KeyboardInterrupt:
-        progress.close()
-        print(f"bitneat: stopped; continue with: bitneat evolve --resume {folder.path}", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        stop.args = (f"stopped; continue with: bitneat evolve --resume {folder.path}",)
         raise
     except SimulatorsDifferError:
         raise  # the folder stays even without a checkpoint, for --resume with the other simulator
@@ -171,6 +179,27 @@ def _evaluator(
         warn=lambda text: print(f"bitneat: {text}", file=sys.stderr),
     )  # fmt: skip
     return cluster, recheck_for(simulator, spec, info, max_steps)
+
+
+def _progress(args: argparse.Namespace, folder: RunFolder) -> Progress:
+    from bitneat.evolve.progress import Together, progress_for
+
+    shown = progress_for(plain=args.plain)
+    if args.tensorboard is None:
+        return shown
+    from bitneat.evolve.tensorboard import TensorBoardProgress
+
+    return Together((shown, TensorBoardProgress(Path(args.tensorboard or folder.path / "tensorboard"))))
+
+
+def _tell_of_linear_start_alone(config: Config) -> None:
+    linear, generations = config["evolve"]["linear_generations"], config["evolve"]["generations"]
+    if 0 < generations <= linear:
+        print(
+            f"bitneat: only the linear start runs: it takes {linear} generations, and {generations} are asked for;"
+            " NEAT begins after them",
+            file=sys.stderr,
+        )
 
 
 def _new_settings(args: argparse.Namespace) -> RunSettings:
@@ -249,11 +278,13 @@ def _keyword_arguments(pairs: list[str]) -> dict[str, Any]:
     return arguments
 
 
-def _print_summary(folder: RunFolder, outcome: Outcome) -> None:
+def _print_summary(folder: RunFolder, outcome: Outcome, config: Config) -> None:
     from bitneat.evolve.lowering import has_path
 
     if not outcome.finished:
-        print("stopped by --time")
+        done, linear = outcome.champion.provenance["generations"], config["evolve"]["linear_generations"]
+        where = f" in the linear start, before NEAT began: {done} of its {linear} generations" if done < linear else ""
+        print(f"stopped by --time{where}")
     print_champion(summary(folder, outcome))
     if not has_path(outcome.candidate.controller):
         print(

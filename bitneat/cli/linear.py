@@ -97,9 +97,9 @@ def run(args: argparse.Namespace) -> int:
             _save(folder, settings, search, history)
             _tell(row)
         summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         if search.generation:
-            print(f"bitneat: stopped; continue with: bitneat linear --resume {folder}", file=sys.stderr)
+            stop.args = (f"stopped; continue with: bitneat linear --resume {folder}",)
         raise
     finally:
         if evaluator is not None:

@@ -8,7 +8,8 @@ A sub-command is a module of this package with
 - ``add_arguments(parser)``;
 - ``run(args) -> int``: the exit status; 0, or 1 if what was to be checked does not hold.
 
-It may raise `BitneatError`, whose message is the line the user sees. It imports nothing heavy at its top.
+It may raise `BitneatError`, whose message is the line the user sees. It imports nothing heavy at its top. Ctrl-C and SIGTERM reach
+it as a KeyboardInterrupt; one that can be continued raises it with the line that says how.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ import errno
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, Protocol, cast
@@ -32,6 +35,7 @@ GOOD = 0
 CHECK_FAILED = 1
 BAD_INPUT = 2
 INTERRUPTED = 128 + signal.SIGINT
+TERMINATED = 128 + signal.SIGTERM
 _BROKEN_PIPE = 128 + signal.SIGPIPE
 
 COMMANDS: dict[str, tuple[str, str]] = {
@@ -61,7 +65,14 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "write one HTML file: the walk, the controller at work, its C in the browser, sizes, verdicts, provenance",
     ),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
-    "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
+    "plot": (
+        "bitneat.cli.plot",
+        "draw runs, networks, champions by size, sizes, or the activations (needs bitneat[plot])",
+    ),
+    "render": (
+        "bitneat.cli.render",
+        "record an episode as .gif, .mp4 or a strip of pictures (needs bitneat[render])",
+    ),
     "import": (
         "bitneat.cli.import_",
         "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file",
@@ -90,12 +101,15 @@ class Command(Protocol):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit status; never a traceback for what a user can cause."""
     try:
-        status = _run(sys.argv[1:] if argv is None else list(argv))
-        sys.stdout.flush()
+        with _sigterm_interrupts():
+            status = _run(sys.argv[1:] if argv is None else list(argv))
+            sys.stdout.flush()
     except BitneatError as error:
         status = _fail(str(error), error.exit_status)
-    except KeyboardInterrupt:
-        status = _fail("interrupted", INTERRUPTED)
+    except TerminatedError as stop:
+        status = _fail(str(stop) or "terminated", TERMINATED)
+    except KeyboardInterrupt as stop:
+        status = _fail(str(stop) or "interrupted", INTERRUPTED)
     except BrokenPipeError:
         status = _BROKEN_PIPE
     except OSError as error:
@@ -104,6 +118,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = _fail("out of memory", BAD_INPUT)
     _settle_stdout()
     return status
+
+
+class TerminatedError(KeyboardInterrupt):
+    """SIGTERM, which ends a command as Ctrl-C does: children ended, checkpoints kept, the terminal as it was."""
+
+
+@contextmanager
+def _sigterm_interrupts() -> Iterator[None]:
+    """SIGTERM raises `TerminatedError` meanwhile, unless whoever runs this has other plans for it."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+
+    def stop(number: int, frame: object) -> NoReturn:
+        del number, frame
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the second one ends what the first could not
+        raise TerminatedError
+
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def load(name: str) -> Command:

@@ -107,9 +107,9 @@ def _polish(
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)
         return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         if polish.generation:
-            print(f"bitneat: stopped; continue with: bitneat polish --resume {folder.path}", file=sys.stderr)
+            stop.args = (f"stopped; continue with: bitneat polish --resume {folder.path}",)
         raise
     finally:
         if evaluator is not None:

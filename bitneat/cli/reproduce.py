@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
 
     try:
         run_all(chosen, folder, args.workers or default_threads(), command, watch.tell)
-    except KeyboardInterrupt:
-        print("bitneat: stopped; the same command goes on", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        stop.args = ("stopped; the same command goes on",)
         raise
     finally:
         watch.close()

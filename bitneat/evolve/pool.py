@@ -2,7 +2,7 @@
 """Processes that stay, take jobs and give results back in order.
 
 The standard library's pools either hang when a worker is killed or print tracebacks when the user presses Ctrl-C. Here workers
-ignore SIGINT, which reaches the whole process group, and end when the pipe to their parent closes, however it died.
+ignore SIGINT, which reaches the whole process group, and end with their parent, however it died, in the middle of a job too.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from bitneat.errors import BitneatError
+from bitneat.orphans import end_with_parent
 
 _AHEAD = 2
 """Jobs a worker has at a time, so that it need not wait for the next."""
@@ -110,6 +111,7 @@ class WorkerPool:
 
 def _work(connection: Connection, function: Callable[[Any], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     try:
         while True:
             number, job = connection.recv()

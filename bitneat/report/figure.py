@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from bitneat.errors import BitneatError
+from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FORMATS = ("svg", "png")
@@ -21,7 +22,24 @@ FORMATS = ("svg", "png")
 BLUE = "#0072B2"
 ORANGE = "#E69F00"
 VERMILION = "#D55E00"
+GREEN = "#009E73"
+PURPLE = "#CC79A7"
+SKY = "#56B4E9"
 GREY = "#666666"
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, "#000000")
+"""For one thing after the other."""
+
+
+def require_matplotlib() -> None:
+    """Notice before the work that it could not be drawn.
+
+    Raises:
+        MissingExtraError: if Matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("plot: Matplotlib is not installed; pip install bitneat[plot]") from None
 
 
 @contextmanager
@@ -31,10 +49,9 @@ def settings() -> Iterator[None]:
     Raises:
         BitneatError: if Matplotlib is not installed.
     """
-    try:
-        import matplotlib as mpl
-    except ImportError:
-        raise BitneatError("plot: Matplotlib is not installed; pip install bitneat[plot]") from None
+    require_matplotlib()
+    import matplotlib as mpl
+
     ours: dict[Any, Any] = {
         "svg.hashsalt": "bitneat",
         "font.size": 9.0,
@@ -66,6 +83,15 @@ def file_format(path: PurePath) -> str:
     if suffix not in FORMATS:
         raise BitneatError(f"{path}: expected a name that ends in {' or '.join(f'.{known}' for known in FORMATS)}")
     return suffix
+
+
+def reference_line(axes: Axes, value: float) -> None:
+    """A thin line across, its value at the left end."""
+    axes.axhline(value, color=GREY, linewidth=0.7, linestyle=(0, (6, 3)), zorder=0)
+    axes.annotate(
+        f"{value:g}", (0.0, value), xycoords=("axes fraction", "data"), textcoords="offset points", xytext=(3, 2),
+        color=GREY, fontsize=8,
+    )  # fmt: skip
 
 
 def render(figure: Figure, file_type: str, title: str, description: str) -> bytes:

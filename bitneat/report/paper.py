@@ -1,26 +1,17 @@
 # SPDX-License-Identifier: MIT
-"""The figures of the reproduction: fitness over generations, a network's growth, and the walk as a strip of pictures."""
+"""The figures of the reproduction: fitness over generations and steps, and a network's growth."""
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from bitneat.champion import EnvironmentSpec
-from bitneat.controller import Action, Controller, Encoder
-from bitneat.network import FloatNetwork, Policy, decode
+from bitneat.network import Policy
 from bitneat.report import figure
 from bitneat.report.networks import draw
 
-Image = npt.NDArray[np.uint8]
-
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette, which all common kinds of colour vision tell apart."""
 _STYLES = ("-", "--", "-.", ":")
 
 
@@ -39,7 +30,7 @@ def fitness_figure(runs: Mapping[str, Sequence[Sequence[float]]], file_type: str
         for place, (system, histories) in enumerate(runs.items()):
             length = min(len(history) for history in histories)
             values = np.array([history[:length] for history in histories])
-            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            colour, style = figure.CYCLE[place % len(figure.CYCLE)], _STYLES[place % len(_STYLES)]
             generations = np.arange(length)
             label = f"{system} ({len(histories)} run{'s' if len(histories) > 1 else ''})"
             axes.plot(generations, values.mean(axis=0), color=colour, linestyle=style, linewidth=1.4, label=label)
@@ -68,7 +59,7 @@ def steps_figure(runs: Mapping[str, Sequence[tuple[Sequence[float], Sequence[flo
         page = Figure(figsize=(7.0, 4.0), layout="constrained")
         axes = page.add_subplot()
         for place, (system, histories) in enumerate(runs.items()):
-            colour, style = _COLOURS[place % len(_COLOURS)], _STYLES[place % len(_STYLES)]
+            colour, style = figure.CYCLE[place % len(figure.CYCLE)], _STYLES[place % len(_STYLES)]
             for number, (best, steps) in enumerate(histories):
                 label = system if number == 0 else None
                 axes.plot(np.cumsum(steps) / 1e6, best, color=colour, linestyle=style, linewidth=1.2, label=label)
@@ -92,60 +83,3 @@ def growth_figure(stages: Sequence[tuple[int, Policy]], file_type: str) -> bytes
             axes = page.add_subplot(rows, columns, place)
             draw(axes, policy, f"{generation}: {len(policy.nodes)} nodes, {policy.num_links} links")
         return figure.render(page, file_type, "Growth of a network", "The best candidate by generation")
-
-
-def strip_figure(frames: Sequence[tuple[int, Image]], title: str) -> bytes:
-    """Pictures of a walk, the step under each, as PNG."""
-    with figure.settings():
-        from matplotlib.figure import Figure
-
-        page = Figure(figsize=(2.0 * len(frames), 1.7), layout="constrained")
-        for place, (step, image) in enumerate(frames, start=1):
-            axes = page.add_subplot(1, len(frames), place)
-            axes.imshow(image)
-            axes.set_title(f"step {step}", fontsize=8)
-            axes.set_axis_off()
-        return figure.render(page, "png", title, "Frames of one episode, rendered by Gymnasium")
-
-
-def frames(spec: EnvironmentSpec, policy: Policy, action: Action, seed: int, count: int) -> list[tuple[int, Image]]:
-    """``count`` pictures of an episode, evenly spaced, by Gymnasium's own renderer; fewer if it ends earlier."""
-    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # it draws into memory, on machines without a screen too
-    length = len(_walk(spec, policy, action, seed, None))
-    wanted = {round(i * (length - 1) / max(count - 1, 1)) for i in range(count)}
-    taken = _walk(spec, policy, action, seed, wanted)
-    return [(step, image) for step, image in taken if image is not None]
-
-
-def _walk(
-    spec: EnvironmentSpec, policy: Policy, action: Action, seed: int, wanted: set[int] | None
-) -> list[tuple[int, Image | None]]:
-    """Every step of an episode, with a picture of those that are wanted."""
-    import gymnasium
-
-    mode = None if wanted is None else "rgb_array"
-    environment = gymnasium.make(spec.id, render_mode=mode, **spec.kwargs)
-    act = _actor(policy, action)
-    taken: list[tuple[int, Image | None]] = []
-    try:
-        observation, _ = environment.reset(seed=seed)
-        over = False
-        while not over:
-            observation, _, terminated, truncated, _ = environment.step(act(observation))
-            over = bool(terminated or truncated)
-            picture: Any = environment.render() if wanted is not None and len(taken) in wanted else None
-            taken.append((len(taken), picture))
-    finally:
-        environment.close()
-    return taken
-
-
-def _actor(policy: Policy, action: Action) -> Any:
-    if isinstance(policy, FloatNetwork):
-        return lambda observation: decode(action, policy.step(observation))
-    assert isinstance(policy, Controller)
-    from bitneat.runtime import RuntimeController
-
-    encoder, running = Encoder(policy), RuntimeController(policy)
-    running.reset()
-    return lambda observation: action.decode(running.step(encoder(observation)), policy.frac_bits)

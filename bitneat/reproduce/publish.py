@@ -16,6 +16,7 @@ from bitneat.reproduce.tables import Results, Table, markdown, median_run, of_sy
 
 _STAGES = 8
 _FRAMES = 8
+_FRAME_WIDTH = 240
 _STRIP_SEED = 7
 _MAIN_COLUMNS = (
     "system",
@@ -51,7 +52,9 @@ def _write(path: Path, content: bytes) -> Path:
 
 
 def _figures(results: Results, folder: Path) -> list[Path]:
-    from bitneat.report.paper import fitness_figure, frames, growth_figure, steps_figure, strip_figure
+    from bitneat.report.film import strip
+    from bitneat.report.paper import fitness_figure, growth_figure, steps_figure
+    from bitneat.report.recording import Episode, spread
     from bitneat.sim.environment import inspect
 
     written = []
@@ -85,10 +88,9 @@ def _figures(results: Results, folder: Path) -> list[Path]:
             continue
         best = max(runs, key=lambda run: run.heldout["mean"])
         assert best.policy is not None
-        taken = frames(WALKER, policy_from_data(best.policy), inspect(WALKER).action, _STRIP_SEED, _FRAMES)
-        written.append(
-            _write(folder / f"figure3-walk-{system}.png", strip_figure(taken, f"{best.job}, seed {_STRIP_SEED}"))
-        )
+        taken = spread(Episode(WALKER, policy_from_data(best.policy), inspect(WALKER).action, _STRIP_SEED), _FRAMES)
+        content = strip(taken, _FRAME_WIDTH, f"{best.job}, seed {_STRIP_SEED}")
+        written.append(_write(folder / f"figure3-walk-{system}.png", content))
     return written
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
+from bitneat.orphans import end_with_parent
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
 
@@ -119,7 +120,8 @@ def _start(job: Job, folder: Path, results: dict[str, Result], command: str) -> 
 
 def _work(connection: Connection, job: Job, folder: Path, results: dict[str, Result], command: str) -> None:
     """What a process does. The result is on disk before anybody is told."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us, by a signal or by its own end
+    end_with_parent()
     from bitneat.errors import MissingExtraError
     from bitneat.reproduce.running import run
 

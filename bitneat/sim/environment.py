@@ -41,6 +41,7 @@ __all__ = [
     "inspect",
     "make",
     "one_limit",
+    "reward_threshold",
     "used_inputs",
 ]
 
@@ -144,6 +145,13 @@ def make(spec: EnvironmentSpec) -> gymnasium.Env[Any, Any]:
         raise UnfitEnvironmentError(f"environment {spec.id}: {_one_line(error)}") from None
     except (Exception, SystemExit) as error:  # the environment is foreign code
         raise UnfitEnvironmentError(f"environment {spec.id}: cannot be made: {_named(error)}") from None
+
+
+def reward_threshold(spec: EnvironmentSpec) -> float | None:
+    """The mean reward at which the environment counts as solved, by its registration; None if that says nothing."""
+    registered = gymnasium.registry.get(spec.id)
+    threshold = None if registered is None else registered.reward_threshold
+    return None if threshold is None else float(threshold)
 
 
 def _import_modules(spec: EnvironmentSpec) -> None:

@@ -2,8 +2,10 @@
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -66,6 +68,7 @@ def test_a_commands_status_is_the_exit_status(status: int, command: Callable[[Ca
         (OSError("odd"), 2, "bitneat: odd\n"),
         (MemoryError(), 2, "bitneat: out of memory\n"),
         (KeyboardInterrupt(), 130, "bitneat: interrupted\n"),
+        (KeyboardInterrupt("stopped; go on with x"), 130, "bitneat: stopped; go on with x\n"),
         (BrokenPipeError(32, "Broken pipe"), 141, ""),
     ],
 )
@@ -79,6 +82,32 @@ def test_what_goes_wrong_is_one_line_and_a_status(
     command(raiser(error))
     assert main(["work"]) == status
     assert capsys.readouterr() == ("", line)
+
+
+def test_sigterm_ends_a_command_in_one_line_and_goes_back_to_what_it_was(
+    command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def terminated() -> int:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(5)
+        return 0
+
+    before = signal.getsignal(signal.SIGTERM)
+    command(terminated)
+    assert main(["work"]) == 143
+    assert capsys.readouterr() == ("", "bitneat: terminated\n")
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_whoever_has_plans_for_sigterm_keeps_them(command: Callable[[Callable[[], int]], None]) -> None:
+    seen: list[int] = []
+    before = signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
+    try:
+        command(lambda: os.kill(os.getpid(), signal.SIGTERM) or 0)
+        assert main(["work"]) == 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert seen == [signal.SIGTERM]
 
 
 def test_a_fault_of_ours_is_not_hidden(command: Callable[[Callable[[], int]], None]) -> None:

@@ -27,7 +27,7 @@ def test_the_time_left_follows_generations_or_steps_whichever_ends_first(
     clock = iter((100.0, 110.0))  # the first of ten generations takes ten seconds and 1,000 steps
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     search: Any = SimpleNamespace(
-        config={"evolve": {"max_total_steps": most_steps}, "NEAT": {"pop_size": 5}},
+        config={"evolve": {"max_total_steps": most_steps, "linear_generations": 0}, "NEAT": {"pop_size": 5}},
         spec=SimpleNamespace(id="X-v0"), generation=0, total_steps=0, seed=1,
     )  # fmt: skip
     stream = io.StringIO()

@@ -228,19 +228,23 @@ def test_a_killed_run_resumes_to_the_same_bytes_and_leaves_no_process(tmp_path: 
     assert (tmp_path / "killed/champion.pkl").read_bytes() == (tmp_path / "whole/champion.pkl").read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("send", "number", "status"), [(os.killpg, signal.SIGINT, 130), (os.kill, signal.SIGTERM, 143)]
+)
 def test_an_interrupt_stops_cleanly_keeps_the_checkpoint_and_says_how_to_continue(
-    tmp_path: Path, config_file: str
+    tmp_path: Path, config_file: str, send: Callable[[int, int], None], number: int, status: int
 ) -> None:
     run = tmp_path / "run"
     process = start(
         "--env", "BipedalWalker-v3", "--config", config_file, "--generations", "500", "--workers", "2", "-o", str(run)
     )
     wait_for((run / "checkpoints" / "generation-000001.json").exists, process)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
+    send(process.pid, number)  # a terminal's goes to all processes
     _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == status
     assert b"Traceback" not in errors
-    assert b"--resume" in errors
+    assert errors.splitlines()[-1] == f"bitneat: stopped; continue with: bitneat evolve --resume {run}".encode()
+    assert errors.count(b"bitneat:") == 1
     assert list((run / "checkpoints").glob("generation-*.json"))
     assert_all_gone(process.pid)
 
