@@ -29,8 +29,6 @@ from bitneat.sim.environment import inspect
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
 
-pytestmark = pytest.mark.xdist_group("cluster")
-
 SETTINGS = ["--pop", "16", "--generations", "10", "--seed", "3"]
 LIMIT = 240.0
 """Seconds for anything that is waited for, on a machine that does much else."""
@@ -117,27 +115,8 @@ def rows(folder: Path) -> int:
     return history.read_bytes().count(b"\n") - 1 if history.exists() else 0
 
 
-def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
-    nodes: Nodes, local: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "ray"
-    command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
-    process = subprocess.Popen(
-        [*command, "--evaluator", "ray", "--ray-address", nodes.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
-    worker = wait_for(lambda: rows(folder) >= 1 and nodes.workers_of_other(), process)[0]
-    os.kill(worker, signal.SIGKILL)
-    killed_at = rows(folder)
-    wait_for(lambda: rows(folder) >= killed_at + 2, process)
-    os.kill(nodes.other_raylet, signal.SIGKILL)
-    assert rows(folder) < 10, "the run was over before the node died"
-    _, error = process.communicate(timeout=LIMIT)
-    assert process.returncode == 0, error
-    for name in ("champion.pkl", "history.csv", "report.json"):
-        assert (folder / name).read_bytes() == (local / name).read_bytes(), name
-
-
-def test_machines_that_differ_are_refused_by_name(nodes: Nodes, monkeypatch: pytest.MonkeyPatch) -> None:
+def refuses_machines_that_differ(nodes: Nodes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By name, before they run anything."""
     import ray
 
     walker = EnvironmentSpec("BipedalWalker-v3")
@@ -155,6 +134,27 @@ def test_machines_that_differ_are_refused_by_name(nodes: Nodes, monkeypatch: pyt
         finally:
             evaluator.close()
     assert not ray.is_initialized()
+
+
+def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
+    nodes: Nodes, local: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refuses_machines_that_differ(nodes, monkeypatch)  # here, since a cluster takes long to start
+    folder = tmp_path / "ray"
+    command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
+    process = subprocess.Popen(
+        [*command, "--evaluator", "ray", "--ray-address", nodes.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    worker = wait_for(lambda: rows(folder) >= 1 and nodes.workers_of_other(), process)[0]
+    os.kill(worker, signal.SIGKILL)
+    killed_at = rows(folder)
+    wait_for(lambda: rows(folder) >= killed_at + 2, process)
+    os.kill(nodes.other_raylet, signal.SIGKILL)
+    assert rows(folder) < 10, "the run was over before the node died"
+    _, error = process.communicate(timeout=LIMIT)
+    assert process.returncode == 0, error
+    for name in ("champion.pkl", "history.csv", "report.json"):
+        assert (folder / name).read_bytes() == (local / name).read_bytes(), name
 
 
 def test_where_there_is_no_cluster_it_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
