@@ -17,6 +17,8 @@ avr-objdump:binutils-avr
 simavr:simavr
 qemu-system-arm:qemu-system-arm
 riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
+zsh:zsh
+fish:fish
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="

@@ -20,43 +20,57 @@ if TYPE_CHECKING:
     from bitneat.evolve.run import Outcome, RunFolder, RunSettings
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
+DESCRIPTION = """\
+Searches the topology of a network with weights -1, 0 and +1 by NEAT, in the
+integers that the chip will compute. The result depends on environment,
+configuration and seed alone: not on workers, simulator or interruptions. It
+can be stopped at any moment (Ctrl-C), and --resume goes on."""
 EXAMPLE = """\
   bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
   bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
   bitneat evolve --resume runs/BipedalWalker-v3-0"""
+FILES = """\
+  RUN/             written: config.ini, run.json, history.csv, checkpoints/,
+                   champion.pkl, champion.json, report.json
+  champion.pkl     written too, in this folder, if neither -o nor --resume is given
+  FILE             with --config: read"""
 
 DEFAULT_ENVIRONMENT = "BipedalWalker-v3"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``evolve``; those that a resumed run must not change default to None."""
-    parser.add_argument("--env", metavar="ID", help=f"Gymnasium environment (default {DEFAULT_ENVIRONMENT})")
-    parser.add_argument(
+    environment = parser.add_argument_group("environment")
+    environment.add_argument("--env", metavar="ID", help=f"Gymnasium environment (default {DEFAULT_ENVIRONMENT})")
+    environment.add_argument(
         "--env-arg", metavar="K=V", action="append", help="argument of the environment, a Python literal or a string"
     )
-    parser.add_argument(
+    environment.add_argument(
         "--import",
         metavar="MODULE",
         action="append",
         dest="imports",
         help="import MODULE, which registers ID (again with --resume)",
     )
-    parser.add_argument(
+    search = parser.add_argument_group("search")
+    search.add_argument(
         "--config", metavar="FILE|PRESET", help="configuration (default: the preset of the environment)"
     )
-    parser.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
-    parser.add_argument(
+    search.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
+    search.add_argument(
         "--generations", metavar="N", type=whole_number(1), help="generations; with --resume, a new total"
     )
-    parser.add_argument(
+    search.add_argument(
         "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
     )
-    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    add_simulator(parser)
-    parser.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
-    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
-    add_json(parser)
+    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    running = parser.add_argument_group("how it runs, which changes no result")
+    add_simulator(running)
+    running.add_argument("--evaluator", choices=("local",), default="local", help="where episodes run")
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
+    results.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(results)
 
 
 def run(args: argparse.Namespace) -> int:

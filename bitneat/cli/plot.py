@@ -9,9 +9,14 @@ from pathlib import Path
 from bitneat.cli.arguments import whole_number
 
 HELP = "draw the activations against neat-python's (needs bitneat[plot])"
+DESCRIPTION = """\
+Draws a figure into one file. The bytes depend on the arguments and on the
+version of Matplotlib."""
 EXAMPLE = """\
   bitneat plot activations -o activations.svg
   bitneat plot activations -o activations.png --frac-bits 6"""
+FILES = """\
+  FILE             written: .svg or .png"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
