@@ -60,6 +60,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bitneat.cli.size",
         "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step",
     ),
+    "doctor": ("bitneat.cli.doctor", "say which compilers, emulators and extras are there, and test a controller"),
     "completion": ("bitneat.cli.completion", "print a script that completes commands and options in a shell"),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": ("bitneat.cli.plot", "draw the activations against neat-python's (needs bitneat[plot])"),
