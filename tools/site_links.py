@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """A hook of mkdocs: the pages link to files of the repository, and on the site these links must lead somewhere, too.
 
-On a plain git host a link such as ``../examples/champions/README.md`` or ``../bitneat/network.py`` works as it is. The site holds only
-what is in docs/, so for the site the READMEs of examples become pages under ``examples/``, other files are copied to ``files/``, links
-to folders become plain text, and every link is rewritten to where its file is on the site.
+On a plain git host a link such as ``../examples/champions/README.md`` or ``../bitneat/network.py`` works as it is. The site
+holds only what is in docs/, so for the site the READMEs of examples become pages under ``examples/``, other files are copied
+to ``files/``, links to folders become plain text, and every link is rewritten to where its file is on the site.
 """
 
 from __future__ import annotations
