@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 # A multiplier for the tests' budgets: how many random cases, vectors and steps they try.
 LONG_BUDGET ?= 10
 
-.PHONY: help venv demo test test-long test-baselines check format clean
+.PHONY: help venv demo test test-long test-baselines check format docs reference clean
 
 help:
 	@echo "make demo       evolve, generate C and verify it, in demo/; then the same for the committed champion"
@@ -17,6 +17,8 @@ help:
 	@echo "make test-baselines  those that train with bitneat[baselines], which it installs: PyTorch is large"
 	@echo "make check      ruff, mypy, clang-format, and the C runtime under CMake"
 	@echo "make format     ruff format and clang-format"
+	@echo "make docs       the documentation site, in build/site"
+	@echo "make reference  the pages of the command line and of configurations, from the code"
 	@echo "make venv       the Python environment in $(VENV)"
 	@echo "make clean      remove what the other targets made"
 
@@ -60,6 +62,14 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i $(C_SOURCES)
+
+docs: $(READY)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "build/site/index.html; to search in it, too: $(BIN)/python -m http.server -d build/site"
+
+reference: $(READY)
+	@$(BIN)/python -m tools.reference
 
 clean:
 	rm -rf $(VENV) build dist demo .pytest_cache .hypothesis .mypy_cache .ruff_cache

@@ -48,6 +48,7 @@ RULES = (
     Rule("bitneat.evolve", never=("bitneat.codegen", "bitneat.verify", "bitneat.baselines", "torch", "bitneat.cli")),
     Rule("bitneat.reproduce", never=("bitneat.codegen", "bitneat.verify", "bitneat.cli")),
     Rule("bitneat.baselines", never=("neat", "bitneat.codegen", "bitneat.verify", "bitneat.cli")),
+    Rule("bitneat.doctor", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.report", never=("bitneat.cli",)),
     Rule("bitneat.champion", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.runtime", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.cli")),

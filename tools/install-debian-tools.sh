@@ -18,6 +18,8 @@ simavr:simavr
 qemu-system-arm:qemu-system-arm
 riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
 chromium:chromium
+zsh:zsh
+fish:fish
 "
 # file that shows that a package without a command is there : package
 WANTED_FILES="

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: argparse._ActionsContainer) -> None:
     """Add ``--json FILE``; write the result with `bitneat.files.write_json` if ``args.json`` is not None."""
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the result as JSON to FILE, too")
 

@@ -16,9 +16,17 @@ if TYPE_CHECKING:
     from bitneat.baselines import TrainingProgress
 
 HELP = "train a baseline for BipedalWalker-v3 by ARS, PPO or DQN (needs bitneat[baselines])"
+DESCRIPTION = """\
+Trains a policy on the native walker by augmented random search, PPO or DQN of
+stable-baselines3 and sb3-contrib, scores it over 100 held-out episodes as
+champions are scored, and writes it as a float network. docs/baselines.md has
+settings and results."""
 EXAMPLE = """\
   bitneat baseline ars -o runs/ars             the same command again goes on, if it was stopped
   bitneat baseline ppo --steps 100000 --seed 1 --json ppo.json"""
+FILES = """\
+  RUN/             written: baseline.json, checkpoint.pt, history.csv, policy.npz,
+                   champion.pkl (not for dqn), model.zip, result.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

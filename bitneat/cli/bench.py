@@ -14,10 +14,17 @@ if TYPE_CHECKING:
     from bitneat.bench.measurement import Measurement
 
 HELP = "measure speed against neat-python, Gymnasium and Python's own start"
+DESCRIPTION = """\
+Measures the speed of the runtime, of evolve, of the native walker, of codegen
+and of the command line's start, each beside what it is compared with, in turns
+on this machine. A goal that is missed is said, and is no failure. All of it
+takes some minutes on a machine that does nothing else."""
 EXAMPLE = """\
   bitneat bench                    all of it, as the table of docs/benchmarks.md
   bitneat bench runtime --json runtime.json
   bitneat bench sim                the native walker against Gymnasium, and EnvPool where it is installed"""
+FILES = """\
+  nothing but what --json names; native builds go into the cache folder"""
 
 SUBJECTS = ("runtime", "evolve", "sim", "codegen", "startup")
 

@@ -17,9 +17,19 @@ if TYPE_CHECKING:
     from bitneat.codegen.sensor import SensorFiles, SensorPlan
 
 HELP = "write a champion as C that only adds and subtracts"
-EXAMPLE = """  bitneat codegen champion.pkl -o walker.c
+DESCRIPTION = """\
+Writes C99 that needs no other file, no library, no heap and no floating point,
+and neither multiplies nor divides. The same champion, options and version give
+the same bytes. The header says how observations become the integers that the
+step takes, and what its outputs mean."""
+EXAMPLE = """\
+  bitneat codegen champion.pkl -o walker.c
   bitneat codegen champion.pkl -o build/legs.c --name legs --style table --guard --selftest
   bitneat codegen champion.pkl -o libraries/walker --package arduino --sensor map.toml"""
+FILES = """\
+  CHAMPION         read: champion.pkl or champion.json
+  FILE.c, FILE.h   written; with --selftest and --sensor more beside them
+  DIR/             with --package: written, or renewed if it is such a package"""
 
 KINDS = ("plain", "cmake", "arduino", "platformio", "zephyr")
 
@@ -27,7 +37,19 @@ KINDS = ("plain", "cmake", "arduino", "platformio", "zephyr")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``codegen``."""
     parser.add_argument("champion", type=Path, help="champion.pkl or champion.json")
-    parser.add_argument(
+    code = parser.add_argument_group("the C")
+    code.add_argument("--name", help="prefix of every C name (default: the name of FILE or DIR)")
+    code.add_argument(
+        "--style",
+        choices=("auto", "unrolled", "table"),
+        default="auto",
+        help="straight-line code, a table with an interpreter, or the smaller as compiled (default: auto)",
+    )
+    code.add_argument(
+        "--guard", action="store_true", help="clamp observations to their limits, so that any int16 is allowed"
+    )
+    besides = parser.add_argument_group("what is written besides")
+    besides.add_argument(
         "-o",
         "--output",
         type=Path,
@@ -35,27 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.c|DIR",
         help="the source, the header goes beside it; with --package, a new folder or one to renew",
     )
-    parser.add_argument("--name", help="prefix of every C name (default: the name of FILE or DIR)")
-    parser.add_argument(
-        "--style",
-        choices=("auto", "unrolled", "table"),
-        default="auto",
-        help="straight-line code, a table with an interpreter, or the smaller as compiled (default: auto)",
-    )
-    parser.add_argument(
-        "--guard", action="store_true", help="clamp observations to their limits, so that any int16 is allowed"
-    )
-    parser.add_argument("--selftest", action="store_true", help="also write NAME_selftest.c with known answers")
-    parser.add_argument(
+    besides.add_argument("--selftest", action="store_true", help="also write NAME_selftest.c with known answers")
+    besides.add_argument(
         "--sensor",
         type=Path,
         metavar="MAP.toml",
         help="also write NAME_sensors.c and .h, from sensor counts and to actuator counts (docs/sensor-maps.md)",
     )
-    parser.add_argument(
+    besides.add_argument(
         "--package", choices=KINDS, help="write a library that builds as it is in that ecosystem (docs/packages.md)"
     )
-    add_json(parser)
+    add_json(besides)
 
 
 def run(args: argparse.Namespace) -> int:

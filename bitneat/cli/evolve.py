@@ -24,62 +24,76 @@ if TYPE_CHECKING:
     from bitneat.sim.environment import EnvironmentInfo
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
+DESCRIPTION = """\
+Searches the topology of a network with weights -1, 0 and +1 by NEAT, in the
+integers that the chip will compute. The result depends on environment,
+configuration and seed alone: not on workers, simulator or interruptions. It
+can be stopped at any moment (Ctrl-C), and --resume goes on."""
 EXAMPLE = """\
   bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
   bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
   bitneat evolve --resume runs/BipedalWalker-v3-0
   bitneat evolve --evaluator ray --ray-address auto       the episodes on a Ray cluster"""
+FILES = """\
+  RUN/             written: config.ini, run.json, history.csv, checkpoints/,
+                   champion.pkl, champion.json, report.json
+  champion.pkl     written too, in this folder, if neither -o nor --resume is given
+  FILE             with --config: read"""
 
 DEFAULT_ENVIRONMENT = "BipedalWalker-v3"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``evolve``; those that a resumed run must not change default to None."""
-    parser.add_argument("--env", metavar="ID", help=f"Gymnasium environment (default {DEFAULT_ENVIRONMENT})")
-    parser.add_argument(
+    environment = parser.add_argument_group("environment")
+    environment.add_argument("--env", metavar="ID", help=f"Gymnasium environment (default {DEFAULT_ENVIRONMENT})")
+    environment.add_argument(
         "--env-arg", metavar="K=V", action="append", help="argument of the environment, a Python literal or a string"
     )
-    parser.add_argument(
+    environment.add_argument(
         "--import",
         metavar="MODULE",
         action="append",
         dest="imports",
         help="import MODULE, which registers ID (again with --resume)",
     )
-    parser.add_argument(
+    search = parser.add_argument_group("search")
+    search.add_argument(
         "--config", metavar="FILE|PRESET", help="configuration (default: the preset of the environment)"
     )
-    parser.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
-    parser.add_argument(
+    search.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
+    search.add_argument(
         "--generations", metavar="N", type=whole_number(1), help="generations; with --resume, a new total"
     )
-    parser.add_argument(
+    search.add_argument(
         "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
     )
-    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    add_simulator(parser)
-    parser.add_argument(
+    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    running = parser.add_argument_group("how it runs, which changes no result")
+    add_simulator(running)
+    running.add_argument(
         "--evaluator",
         choices=("local", "ray"),
         default="local",
         help="where episodes run: on this machine, or on a Ray cluster (needs bitneat[cluster]); the results are the same",
     )
-    parser.add_argument(
+    running.add_argument(
         "--ray-address",
         metavar="ADDRESS",
         help="of the cluster, as auto or ray://HOST:PORT (default: RAY_ADDRESS, else one is started on this machine)",
     )
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
-    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
-    parser.add_argument("--plain", action="store_true", help="plain lines on a terminal, too, and no live view")
-    parser.add_argument(
+    running.add_argument("--plain", action="store_true", help="plain lines on a terminal, too, and no live view")
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/ENV-SEED)")
+    results.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    results.add_argument(
         "--tensorboard",
         metavar="DIR",
         nargs="?",
         const="",
         help="log for TensorBoard, into DIR (default RUN/tensorboard; again with --resume; needs bitneat[tensorboard])",
     )
-    add_json(parser)
+    add_json(results)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -19,10 +19,19 @@ if TYPE_CHECKING:
     from bitneat.sim.environment import EnvironmentInfo
 
 HELP = "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file"
+DESCRIPTION = """\
+Reads a policy that something else trained and writes it as a champion. Nothing
+in the file is executed. What integers can express becomes a controller; what
+they cannot, a float champion, of which --to or `bitneat quantize` makes a
+controller."""
 EXAMPLE = """\
   bitneat import winner.pkl --config neat.ini --env CartPole-v1 -o champion.pkl
   bitneat import ars.zip --env BipedalWalker-v3 -o float.pkl
   bitneat import layers.npz --activation tanh --env BipedalWalker-v3 --to ternary -o champion.pkl"""
+FILES = """\
+  FILE             read
+  INI, NPZ         read, if --config or --normalization names them
+  champion.pkl     written, or what -o names"""
 
 _FUNCTIONS = ("tanh", "relu", "identity", "clamped", "sigmoid")
 
@@ -35,34 +44,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="a pickled genome, a model that stable-baselines3 saved, or a .npz file with W1, b1, W2, b2, …",
     )
-    parser.add_argument("--config", metavar="INI", type=Path, help="of a genome: its neat-python configuration")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, default=Path("champion.pkl"), help="default champion.pkl"
-    )
-    parser.add_argument("--env", metavar="ID", help="the environment it was trained in: gives limits and actions")
-    parser.add_argument(
-        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
-    )
-    parser.add_argument(
-        "--frac-bits", metavar="F", type=whole_number(4, 12), default=8, help="fractional bits (default 8)"
-    )
-    parser.add_argument(
+    reading = parser.add_argument_group("reading the file")
+    reading.add_argument("--config", metavar="INI", type=Path, help="of a genome: its neat-python configuration")
+    reading.add_argument(
         "--float",
         action="store_true",
         dest="as_float",
         help="of a genome with integer weights: a float champion all the same",
     )
-    parser.add_argument("--activation", choices=_FUNCTIONS, help="of hidden layers (npz: default tanh; zip: as saved)")
-    parser.add_argument(
+    reading.add_argument("--activation", choices=_FUNCTIONS, help="of hidden layers (npz: default tanh; zip: as saved)")
+    reading.add_argument(
         "--output-activation", choices=_FUNCTIONS, help="of the last layer of a .npz file (default identity)"
     )
-    parser.add_argument(
+    reading.add_argument(
         "--normalization", metavar="NPZ", type=Path, help="mean and var that observations were normalized with"
     )
-    parser.add_argument("--to", choices=("int", "ternary"), help="quantize it at once, as `bitneat quantize` does")
-    add_method(parser)
-    add_simulator(parser)
-    add_json(parser)
+    environment = parser.add_argument_group("environment")
+    environment.add_argument("--env", metavar="ID", help="the environment it was trained in: gives limits and actions")
+    environment.add_argument(
+        "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
+    )
+    controller = parser.add_argument_group("the controller")
+    controller.add_argument(
+        "--frac-bits", metavar="F", type=whole_number(4, 12), default=8, help="fractional bits (default 8)"
+    )
+    controller.add_argument("--to", choices=("int", "ternary"), help="quantize it at once, as `bitneat quantize` does")
+    add_method(controller)
+    running = parser.add_argument_group("how episodes run, which changes no result")
+    add_simulator(running)
+    results = parser.add_argument_group("results")
+    results.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, default=Path("champion.pkl"), help="default champion.pkl"
+    )
+    add_json(results)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -23,9 +23,16 @@ if TYPE_CHECKING:
     from bitneat.sim.environment import EnvironmentInfo
 
 HELP = "find a linear policy, and write it as a ternary champion to polish"
+DESCRIPTION = """\
+Finds a linear policy by an evolution strategy in the controller's own integers
+and rounds it to powers of two; the rounding that does best on selection seeds
+is the champion, with weights -1, 0 and +1. Minutes for BipedalWalker-v3."""
 EXAMPLE = """\
   bitneat linear -o start                                  BipedalWalker-v3
   bitneat polish start/champion.pkl -o better"""
+FILES = """\
+  RUN/             written: linear.json (the checkpoint), champion.pkl,
+                   champion.json"""
 
 DEFAULT_GENERATIONS = 200
 _WALKS_AT = 150.0

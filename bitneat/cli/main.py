@@ -4,7 +4,10 @@
 A sub-command is a module of this package with
 
 - ``HELP``: what it does, one line; the same as in `COMMANDS`, which has it so that ``bitneat --help`` imports nothing;
+- ``DESCRIPTION``: a paragraph, in lines of at most 80 characters, that begins its ``--help``;
 - ``EXAMPLE``: command lines that show it, printed at the end of its ``--help``;
+- ``FILES``: what it reads and writes, a line each, printed after that;
+- ``STATUS``, if the exit status 0 or 1 says more than usual: a line for each;
 - ``add_arguments(parser)``;
 - ``run(args) -> int``: the exit status; 0, or 1 if what was to be checked does not hold.
 
@@ -20,8 +23,9 @@ import errno
 import os
 import signal
 import sys
+import textwrap
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -64,6 +68,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bitneat.cli.report",
         "write one HTML file: the walk, the controller at work, its C in the browser, sizes, verdicts, provenance",
     ),
+    "doctor": ("bitneat.cli.doctor", "say which compilers, emulators and extras are there, and test a controller"),
+    "completion": ("bitneat.cli.completion", "print a script that completes commands and options in a shell"),
     "bench": ("bitneat.cli.bench", "measure speed against neat-python, Gymnasium and Python's own start"),
     "plot": (
         "bitneat.cli.plot",
@@ -80,16 +86,44 @@ COMMANDS: dict[str, tuple[str, str]] = {
 }
 """Name of a sub-command: its module, and its one line of help."""
 
-_DESCRIPTION = (
-    "Evolve ternary neural controllers, compile them to C that only adds and subtracts, and verify them bit for bit."
-)
+GROUPS: dict[str, tuple[str, ...]] = {
+    "make a controller": ("evolve", "linear", "polish", "import", "quantize", "baseline"),
+    "deploy it": ("codegen",),
+    "check it": ("verify", "doctor"),
+    "look at it": ("report", "size", "plot", "render"),
+    "compare": ("reproduce", "bench"),
+    "the command line itself": ("completion",),
+}
+"""What the sub-commands are for, in the order of ``bitneat --help``."""
+
+_DESCRIPTION = """\
+Evolve ternary neural controllers, compile them to C that only adds and
+subtracts, and verify them bit for bit."""
+
+_MORE = """\
+bitneat help COMMAND, or bitneat COMMAND --help, says all about one of them.
+
+exit status:
+  0    good
+  1    what was to be checked does not hold
+  2    bad input or arguments, or a missing tool: one line on standard error
+  130  interrupted
+  143  terminated"""
+
+_STATUS = """\
+  0    done"""
+_STATUS_ALWAYS = """\
+  2    bad input or arguments, or a missing tool: one line on standard error
+  130  interrupted; 143 terminated"""
 
 
 class Command(Protocol):
     """What a sub-command's module offers."""
 
     HELP: str
+    DESCRIPTION: str
     EXAMPLE: str
+    FILES: str
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         """Add the sub-command's own arguments."""
@@ -148,29 +182,73 @@ def load(name: str) -> Command:
     return cast(Command, import_module(COMMANDS[name][0]))
 
 
-def _run(argv: list[str]) -> int:
-    # Only the module of the sub-command that is asked for is imported; the others are names in a list.
-    named = next((argument for argument in argv if not argument.startswith("-")), None)
-    if named is not None and named not in COMMANDS:
-        raise BitneatError(_no_such_command(named))
-    parser = _Parser(prog="bitneat", description=_DESCRIPTION, allow_abbrev=False)
+def build_parser(names: Collection[str]) -> argparse.ArgumentParser:
+    """Make the parser of the whole command line; only the modules of the sub-commands in ``names`` are imported."""
+    parser = _Parser(
+        prog="bitneat",
+        usage="%(prog)s [-h] [--version] COMMAND ...",
+        description=_DESCRIPTION,
+        epilog=f"{_overview()}\n\n{_MORE}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
     parser.add_argument("--version", action="version", version=f"bitneat {__version__}")
-    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, (_, help_text) in COMMANDS.items():
-        if name != named:
-            subparsers.add_parser(name, help=help_text, add_help=False)
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True, help=argparse.SUPPRESS, prog="bitneat")
+    for name in COMMANDS:
+        if name not in names:
+            subparsers.add_parser(name, add_help=False)
             continue
         command = load(name)
         subparser = subparsers.add_parser(
             name,
-            help=help_text,
-            description=command.HELP,
-            epilog=f"example:\n{command.EXAMPLE}",
+            help=command.HELP,
+            description=f"{command.HELP}\n\n{command.DESCRIPTION}",
+            epilog=_epilog(command),
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
         command.add_arguments(subparser)
         subparser.set_defaults(run=command.run)
+    return parser
+
+
+def _overview() -> str:
+    """The sub-commands by what they are for, each with its line of help."""
+    width = max(map(len, COMMANDS)) + 2
+    listed = {name for names in GROUPS.values() for name in names}
+    others = tuple(name for name in COMMANDS if name not in listed)
+    sections = []
+    for title, names in {**GROUPS, "other commands": others}.items():
+        lines = [
+            textwrap.fill(
+                COMMANDS[name][1],
+                width=78,
+                initial_indent=f"  {name:{width}}",
+                subsequent_indent=" " * (width + 2),
+                break_on_hyphens=False,
+            )
+            for name in names
+            if name in COMMANDS
+        ]
+        if lines:
+            sections.append("\n".join([f"{title}:", *lines]))
+    return "\n\n".join(sections)
+
+
+def _epilog(command: Command) -> str:
+    """What follows the options: examples, exit status and files."""
+    status = f"{getattr(command, 'STATUS', _STATUS)}\n{_STATUS_ALWAYS}"
+    return f"example:\n{command.EXAMPLE}\n\nexit status:\n{status}\n\nfiles:\n{command.FILES}"
+
+
+def _run(argv: list[str]) -> int:
+    # Only the module of the sub-command that is asked for is imported; the others are names in a list.
+    if argv[:1] == ["help"]:
+        argv = [*argv[1:2], "--help"]
+    named = next((argument for argument in argv if not argument.startswith("-")), None)
+    if named is not None and named not in COMMANDS:
+        raise BitneatError(_no_such_command(named))
+    parser = build_parser(() if named is None else (named,))
     try:
         args = parser.parse_args(argv)
     except SystemExit as stop:  # --help and --version, which have printed what they had to

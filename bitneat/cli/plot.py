@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
 
 HELP = "draw runs, networks, champions by size, sizes, or the activations (needs bitneat[plot])"
+DESCRIPTION = """\
+Draws a figure into one file. The bytes depend on the arguments and on the
+version of Matplotlib."""
 EXAMPLE = """\
   bitneat plot fitness runs/BipedalWalker-v3-0 -o fitness.svg
   bitneat plot network champion.pkl -o network.svg
@@ -34,6 +37,8 @@ _EXAMPLES = {
     "size": "  bitneat plot size champion.pkl --targets cortex-m0,avr -o size.svg",
     "activations": "  bitneat plot activations --frac-bits 6 -o activations.png",
 }
+FILES = """\
+  FILE             written: .svg or .png"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

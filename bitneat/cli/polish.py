@@ -20,10 +20,18 @@ if TYPE_CHECKING:
     from bitneat.evolve.search import Score
 
 HELP = "make a champion better, or smaller at the same reward, by small changes"
+DESCRIPTION = """\
+Varies champions a little, lets the variants race on common seeds, and keeps the
+best few of every packed size. The result depends on the arguments alone. It can
+be stopped at any moment (Ctrl-C), and --resume goes on."""
 EXAMPLE = """\
   bitneat polish champion.pkl -o better                    look for the highest reward
   bitneat polish better/champion.pkl --for size --floor 300 -o tiny
   bitneat polish --resume tiny --generations 500"""
+FILES = """\
+  CHAMPION         read: champion.pkl or champion.json, one or more
+  RUN/             written: polish.json (the checkpoint), history.csv, front.csv,
+                   champion.pkl, champion.json"""
 
 DEFAULT_GENERATIONS = 200
 
@@ -31,31 +39,34 @@ DEFAULT_GENERATIONS = 200
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``polish``; those that a resumed run must not change default to None."""
     parser.add_argument("champions", metavar="CHAMPION", type=Path, nargs="*", help="champion files to start from")
-    parser.add_argument("--for", choices=("reward", "size"), dest="objective", help="what to look for (default reward)")
-    parser.add_argument(
+    search = parser.add_argument_group("search")
+    search.add_argument("--for", choices=("reward", "size"), dest="objective", help="what to look for (default reward)")
+    search.add_argument(
         "--floor", metavar="R", type=float, help="mean reward that --for size keeps (default 300); progress tells of it"
     )
-    parser.add_argument(
+    search.add_argument(
         "--generations",
         metavar="N",
         type=whole_number(1),
         help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
     )
-    parser.add_argument(
+    search.add_argument(
         "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
     )
-    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    parser.add_argument(
+    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    running = parser.add_argument_group("how it runs, which changes no result")
+    running.add_argument(
         "--import",
         metavar="MODULE",
         action="append",
         dest="imports",
         help="import MODULE, which registers the environment",
     )
-    add_simulator(parser)
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/polish-SEED)")
-    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
-    add_json(parser)
+    add_simulator(running)
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/polish-SEED)")
+    results.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(results)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,10 +22,17 @@ if TYPE_CHECKING:
     from bitneat.evolve.search import Score
 
 HELP = "make a float champion an integer or ternary one, an integer champion ternary"
+DESCRIPTION = """\
+Makes a controller of a float network, or a ternary one of an integer one, and
+prints what it loses: mean official reward before and after over 100 held-out
+episodes. docs/quantize.md explains the methods."""
 EXAMPLE = """\
   bitneat quantize float.pkl -o champion.pkl --to ternary
   bitneat quantize float.pkl -o champion.pkl --to int --method round
   bitneat quantize float.pkl -o champion.pkl --to ternary --method search --generations 100"""
+FILES = """\
+  CHAMPION         read: champion.pkl or champion.json
+  FILE             written: .pkl or .json, the same content"""
 
 _FLOAT_BYTES = 4
 
@@ -33,24 +40,27 @@ _FLOAT_BYTES = 4
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``quantize``."""
     parser.add_argument("champion", metavar="CHAMPION", type=Path, help="a float champion, or an integer one")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True, help="the new champion; .json or .pkl"
-    )
-    parser.add_argument("--to", choices=("int", "ternary"), default="ternary", help="kind of weights (default ternary)")
-    add_method(parser)
-    parser.add_argument("--frac-bits", metavar="F", type=whole_number(4, 12), help="fractional bits (default 8)")
-    parser.add_argument(
+    method = parser.add_argument_group("method")
+    method.add_argument("--to", choices=("int", "ternary"), default="ternary", help="kind of weights (default ternary)")
+    add_method(method)
+    method.add_argument("--frac-bits", metavar="F", type=whole_number(4, 12), help="fractional bits (default 8)")
+    running = parser.add_argument_group("how it runs, which changes no result")
+    running.add_argument(
         "--import",
         metavar="MODULE",
         action="append",
         dest="imports",
         help="import MODULE, which registers the environment",
     )
-    add_simulator(parser)
-    add_json(parser)
+    add_simulator(running)
+    results = parser.add_argument_group("results")
+    results.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help="the new champion; .json or .pkl"
+    )
+    add_json(results)
 
 
-def add_method(parser: argparse.ArgumentParser) -> None:
+def add_method(parser: argparse._ActionsContainer) -> None:
     """Add what says how to quantize."""
     parser.add_argument(
         "--method",

@@ -19,10 +19,17 @@ if TYPE_CHECKING:
     from bitneat.report.recording import Episode, Moment
 
 HELP = "record an episode as .gif, .mp4 or a strip of pictures (needs bitneat[render])"
+DESCRIPTION = """\
+Records an episode in Gymnasium, with generation, reward and step on every
+picture. The bytes depend on the arguments and on the versions of the packages
+that draw and encode."""
 EXAMPLE = """\
   bitneat render champion.pkl -o walk.gif
   bitneat render champion.pkl -o walk.mp4 --seed 3 --hardcore
   bitneat render champion.pkl -o walk.png --frames 8"""
+FILES = """\
+  CHAMPION         read
+  FILE             written: .gif, .mp4 or .png"""
 
 _SMOOTH = 16
 """Pictures a second that a GIF has at least, if the environment has as many steps."""

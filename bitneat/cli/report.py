@@ -22,10 +22,18 @@ if TYPE_CHECKING:
     from bitneat.report.page.recording import RecordedEpisode
 
 HELP = "write one HTML file: the walk, the controller at work, its C in the browser, sizes, verdicts, provenance"
+DESCRIPTION = """\
+Writes a page that needs no network and opens from the disk: recorded episodes
+to play, the controller's graph with the values of every step, the generated C
+compiled to WebAssembly and compared with the recording while one looks on."""
 EXAMPLE = """\
   bitneat report runs/walker -o report.html          a run's folder: with its history
   bitneat report champion.pkl -o report.html --seeds 7,8
   bitneat report champion.pkl -o report.html --verify verify.json --compare tiny.pkl"""
+FILES = """\
+  RUN|CHAMPION     read: of a run history.csv, too
+  FILE             with --verify, --prove, --compare: read
+  FILE.html        written"""
 
 DEFAULT_TARGETS = "host-unrolled,host-table,cortex-m0,wasm32"
 MAX_SEEDS = 12

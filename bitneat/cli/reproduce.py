@@ -19,10 +19,16 @@ if TYPE_CHECKING:
     from bitneat.reproduce.schedule import State
 
 HELP = "run the Bit-Pedal Walker paper's experiments again: tables, figures, verdicts"
+DESCRIPTION = """\
+Runs the paper's experiments that have no result yet, then writes tables,
+figures and verdicts from all results that there are. Stop it and call it again
+as you like; --list says what is done."""
 EXAMPLE = """\
   bitneat reproduce --budget smoke                    all of it in minutes, to see that it runs
   bitneat reproduce --budget paper -o docs/paper      the paper's budget; stop it and call it again as you like
   bitneat reproduce --budget paper -o docs/paper --only 'bit-gains-*'"""
+FILES = """\
+  DIR/             written: results/, runs/, tables, figures, README.md"""
 
 BUDGET_NAMES = ("smoke", "hour", "paper")
 _LOOK_SECONDS = 30.0

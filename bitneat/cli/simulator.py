@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bitneat.sim.environment import EnvironmentInfo
 
 
-def add_simulator(parser: argparse.ArgumentParser) -> None:
+def add_simulator(parser: argparse._ActionsContainer) -> None:
     """Add ``--workers`` and ``--simulator``, neither of which changes a result."""
     parser.add_argument(
         "--workers", metavar="N", type=whole_number(1), help="processes or threads (default: one a core)"

@@ -14,10 +14,15 @@ if TYPE_CHECKING:
     from bitneat.verify.size import SizeReport
 
 HELP = "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step"
+DESCRIPTION = """\
+Compiles both styles of a champion's C and reports bytes of flash, RAM and
+stack, and what the packed form takes, part by part. No episode is run."""
 EXAMPLE = """\
   bitneat size champion.pkl
   bitneat size champion.pkl --targets all
   bitneat size champion.pkl --targets cortex-m0 --json size.json"""
+FILES = """\
+  CHAMPION         read: champion.pkl or champion.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def add_targets(parser: argparse.ArgumentParser) -> None:
+def add_targets(parser: argparse._ActionsContainer) -> None:
     """Add ``--targets``."""
     parser.add_argument(
         "--targets",

@@ -26,11 +26,23 @@ if TYPE_CHECKING:
     from bitneat.verify.targets import ReadyTarget
 
 HELP = "compare generated C with its champion, bit for bit, in the simulator's loop"
+DESCRIPTION = """\
+Runs the generated C and the exact reference in lock-step with Gymnasium and
+compares every bit of every output, in every step, on this machine and on
+emulated chips; and the object code is searched for multiplications, data and
+foreign names. docs/verification.md says what that shows and what it does not."""
 EXAMPLE = """\
   bitneat verify                                     ./champion.pkl and the C generated for it
   bitneat verify champion.pkl --c walker.c --episodes 20 --json verify.json
   bitneat verify champion.pkl --targets all --episodes 3
   bitneat verify champion.pkl --inject-fault 7       plant a fault: must fail"""
+STATUS = """\
+  0    the C does what the champion does
+  1    it does not: an output differs, or the file is stale, edited or unfit"""
+FILES = """\
+  CHAMPION         read: champion.pkl or champion.json
+  FILE.c, FILE.h   read: the C for it, found beside it or here by its fingerprint;
+                   if there is none, it is generated in a temporary folder"""
 
 REQUIRED_CAUGHT = 0.9
 """The part of a campaign's faults that must make verify fail, not counting those that change nothing."""
@@ -57,21 +69,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--c", metavar="FILE.c", type=Path, help="the generated source (default: found by its fingerprint)"
     )
-    parser.add_argument(
-        "--episodes", metavar="N", type=whole_number(1, 100_000), default=5, help="episodes (default 5)"
-    )
-    parser.add_argument(
+    loop = parser.add_argument_group("what is compared")
+    loop.add_argument("--episodes", metavar="N", type=whole_number(1, 100_000), default=5, help="episodes (default 5)")
+    loop.add_argument(
         "--seed", metavar="S", type=whole_number(0, 2**31 - 1), default=0, help="seed of the first episode (default 0)"
     )
-    add_targets(parser)
-    parser.add_argument(
+    add_targets(loop)
+    loop.add_argument(
         "--vectors",
         metavar="N",
         type=whole_number(1, 10_000_000),
         help="random inputs besides the episodes (default 2000; with --targets all 100000)",
     )
-    parser.add_argument("--hardcore", action="store_true", help="run BipedalWalkerHardcore-v3 (2000 steps) instead")
-    parser.add_argument(
+    loop.add_argument("--hardcore", action="store_true", help="run BipedalWalkerHardcore-v3 (2000 steps) instead")
+    loop.add_argument(
         "--import",
         metavar="MODULE",
         action="append",
@@ -79,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="imports",
         help="let the champion's environment import MODULE, which registers it",
     )
-    faults = parser.add_mutually_exclusive_group()
+    faults = parser.add_argument_group("planted faults").add_mutually_exclusive_group()
     faults.add_argument(
         "--inject-fault",
         metavar="N",

@@ -2,6 +2,7 @@
 import argparse
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from bitneat.cli.main import COMMANDS, load, main
+from bitneat.cli.main import COMMANDS, GROUPS, load, main
 from bitneat.errors import BitneatError, CheckFailedError
 
 HEAVY = ("numpy", "gymnasium", "neat", "jinja2", "cffi", "rich", "matplotlib", "elftools", "multiprocessing", "pickle")
@@ -26,7 +27,9 @@ def command(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], int]], No
     def install(work: Callable[[], int]) -> None:
         module = ModuleType("work")
         module.HELP = "work"  # type: ignore[attr-defined]
+        module.DESCRIPTION = "Works."  # type: ignore[attr-defined]
         module.EXAMPLE = "  bitneat work"  # type: ignore[attr-defined]
+        module.FILES = "  none"  # type: ignore[attr-defined]
         module.add_arguments = lambda parser: parser.add_argument("--count", type=int)  # type: ignore[attr-defined]
         module.run = lambda args: work()  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, "work", module)
@@ -141,12 +144,33 @@ def test_a_wrong_command_line_is_one_line_and_status_2(
     assert err.count("\n") == 1
 
 
-def test_help_lists_every_command_and_exits_with_0(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_every_command_under_what_it_is_for_and_exits_with_0(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     for name, (_, help_text) in COMMANDS.items():
-        assert name in out
-        assert help_text.split()[0] in out
+        assert f" {name} {help_text}" in " ".join(out.split())
+    assert sorted(name for names in GROUPS.values() for name in names) == sorted(COMMANDS)
+    titles = [line[:-1] for line in out.splitlines() if line.endswith(":") and line[:-1] in GROUPS]
+    assert titles == list(GROUPS)
+    assert "other commands:" not in out, "a command is in no group of GROUPS"
+
+
+def test_a_command_in_no_group_is_listed_all_the_same(
+    command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    command(lambda: 0)
+    assert main(["--help"]) == 0
+    assert "other commands:\n  work        work\n" in capsys.readouterr().out
+
+
+def test_help_of_a_command_is_its_help_option(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, same in ((["help", "size"], ["size", "--help"]), (["help"], ["--help"]), (["help", "-h"], ["-h"])):
+        assert main(arguments) == 0
+        said = capsys.readouterr().out
+        assert main(same) == 0
+        assert said == capsys.readouterr().out
+    assert main(["help", "sise"]) == 2
+    assert capsys.readouterr().err == "bitneat: sise: no such command; did you mean size?\n"
 
 
 def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,13 +179,21 @@ def test_version_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_commands_help_shows_what_it_does_and_an_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_commands_help_says_what_it_does_how_it_ends_and_what_it_touches(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     module = load(name)
     assert COMMANDS[name][1] == module.HELP
     assert "\n" not in module.HELP
     assert main([name, "--help"]) == 0
     out = capsys.readouterr().out
-    assert f"bitneat {name}" in out.split("example:")[1]
+    _, example, status, files = re.split(r"\n\n(?:example|exit status|files):\n", out)
+    assert f"{module.HELP}\n\n{module.DESCRIPTION}\n\n" in out
+    assert 80 < len(module.DESCRIPTION) < 500
+    assert max(map(len, [*module.DESCRIPTION.splitlines(), *files.splitlines()])) <= 84
+    assert f"bitneat {name}" in example
+    assert [line.split()[0] for line in status.splitlines()] in (["0", "2", "130"], ["0", "1", "2", "130"])
+    assert files.strip()
     assert isinstance(module, ModuleType)
     module.add_arguments(argparse.ArgumentParser())
 
