@@ -54,6 +54,7 @@ def _command(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
     yield _PAGE_NAME.sub(r"[\1](../\1)", " ".join(command.DESCRIPTION.split()))
     yield from _tables(parser)
     yield _examples(command.EXAMPLE)
+    yield from _nested(name, parser)
     if hasattr(command, "STATUS"):
         yield "Exit status: " + "; ".join(
             f"{line.strip()[0]}, {line.strip()[1:].strip()}" for line in command.STATUS.splitlines()
@@ -62,20 +63,26 @@ def _command(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def _tables(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """A table for each group of arguments, and a heading with tables for each sub-command of a sub-command."""
+    """The arguments, a table for each group."""
     for group in parser._action_groups:
-        actions = [action for action in group._group_actions if action.dest != "help"]
-        nested = [action for action in actions if isinstance(action, argparse._SubParsersAction)]
-        rows = [_argument(parser, action) for action in actions if action not in nested]
+        shown = (action for action in group._group_actions if not isinstance(action, argparse._SubParsersAction))
+        rows = [_argument(parser, action) for action in shown if action.dest != "help"]
         if rows:
             title = {"positional arguments": "arguments"}.get(group.title or "", group.title)
             yield "\n".join([f"| {title} | |", "|---|---|", *rows])
-        for action in nested:
-            for subparser in action.choices.values():
-                yield f"#### {subparser.prog}"
-                meaning = (subparser.description or "").strip()
-                yield f"{meaning[:1].upper()}{meaning[1:]}."
-                yield from _tables(subparser)
+
+
+def _nested(name: str, parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The sub-commands that a sub-command has itself."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word, inner in action.choices.items():
+                yield f"#### bitneat {name} {word}"
+                if inner.description:
+                    yield f"{inner.description[0].upper()}{inner.description[1:]}."
+                yield from _tables(inner)
+                if inner.epilog and "example:\n" in inner.epilog:
+                    yield _examples(inner.epilog.partition("example:\n")[2])
 
 
 def _argument(parser: argparse.ArgumentParser, action: argparse.Action) -> str:

@@ -48,22 +48,26 @@ _FRAC_BITS = 8
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``linear``; those that a resumed run must not change default to None."""
-    parser.add_argument("--env", metavar="ID", help="Gymnasium environment (default BipedalWalker-v3)")
-    parser.add_argument(
+    environment = parser.add_argument_group("environment")
+    environment.add_argument("--env", metavar="ID", help="Gymnasium environment (default BipedalWalker-v3)")
+    environment.add_argument(
         "--import", metavar="MODULE", action="append", dest="imports", help="import MODULE, which registers ID"
     )
-    parser.add_argument("--pop", metavar="N", type=whole_number(4), help="policies in a generation (default 64)")
-    parser.add_argument(
+    search = parser.add_argument_group("search")
+    search.add_argument("--pop", metavar="N", type=whole_number(4), help="policies in a generation (default 64)")
+    search.add_argument(
         "--generations",
         metavar="N",
         type=whole_number(1),
         help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
     )
-    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
-    add_simulator(parser)
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/linear-SEED)")
-    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
-    add_json(parser)
+    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    running = parser.add_argument_group("how it runs, which changes no result")
+    add_simulator(running)
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/linear-SEED)")
+    results.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    add_json(results)
 
 
 def run(args: argparse.Namespace) -> int:
