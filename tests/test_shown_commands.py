@@ -35,12 +35,14 @@ def to_run(page: str, rules: Table = RULES) -> list[tuple[Command, Row | None]]:
     """The commands of a page that are run, each with its row."""
     if page in rules.elsewhere:
         return []
-    shown_by_others = {one.text for other, found in SHOWN.items() if other not in rules.repeating for one in found}
+    known = {one.text for other, found in SHOWN.items() if other not in rules.repeating for one in found}
     found = []
     for command in SHOWN[page]:
         row = rules.row(command)
-        repeated = page in rules.repeating and command.text in shown_by_others
-        if not repeated and not (row is not None and row.run == ""):
+        if page in rules.repeating and command.text in known:
+            continue
+        known.add(command.text)
+        if row is None or row.run != "":
             found.append((command, row))
     return found
 
