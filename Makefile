@@ -64,7 +64,6 @@ format: $(READY)
 	$(BIN)/clang-format -i $(C_SOURCES)
 
 docs: $(READY)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "build/site/index.html; to search in it, too: $(BIN)/python -m http.server -d build/site"
 

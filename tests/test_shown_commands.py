@@ -35,12 +35,14 @@ def to_run(page: str, rules: Table = RULES) -> list[tuple[Command, Row | None]]:
     """The commands of a page that are run, each with its row."""
     if page in rules.elsewhere:
         return []
-    shown_by_others = {one.text for other, found in SHOWN.items() if other not in rules.repeating for one in found}
+    known = {one.text for other, found in SHOWN.items() if other not in rules.repeating for one in found}
     found = []
     for command in SHOWN[page]:
         row = rules.row(command)
-        repeated = page in rules.repeating and command.text in shown_by_others
-        if not repeated and not (row is not None and row.run == ""):
+        if page in rules.repeating and command.text in known:
+            continue
+        known.add(command.text)
+        if row is None or row.run != "":
             found.append((command, row))
     return found
 
@@ -62,6 +64,9 @@ def test_the_commands_of_a_page_that_take_long_do_what_it_says(page: str, tmp_pa
 
 def run_page(page: str, work: Sequence[tuple[Command, Row | None]], folder: Path) -> None:
     """Run the commands in the page's folder, and judge each by its exit status and by what it prints."""
+    missing = [name for name in RULES.needs.get(page, ()) if shutil.which(name) is None and not Path(name).is_file()]
+    if missing:
+        pytest.skip(f"{', '.join(missing)} is not there; tools/install-debian-tools.sh installs what it takes")
     here, said = folder / "here", folder / "said"
     said.mkdir()
     shutil.copytree(ROOT / "examples", here / "examples", ignore=shutil.ignore_patterns("build", "__pycache__"))
@@ -111,7 +116,11 @@ def test_every_row_of_the_table_is_for_a_command_that_is_shown() -> None:
 def test_a_row_for_what_no_page_shows_is_stale() -> None:
     shown = blocks.commands("a.md", "    bitneat size\n")
     rules = Table(
-        (Row(("a.md", "b.md"), "bitneat size", "x"), Row(("*",), "bitneat verify", "x")), {"c.md": {}}, frozenset(), {}
+        (Row(("a.md", "b.md"), "bitneat size", "x"), Row(("*",), "bitneat verify", "x")),
+        {"c.md": {}},
+        frozenset(),
+        {},
+        {},
     )
     assert table.stale(rules, shown) == ["b.md: bitneat size", "*: bitneat verify", "c.md"]
 

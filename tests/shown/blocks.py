@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 PROGRAMS = frozenset(
-    ". avrdude bitneat cc cd cmp cp export gunzip make mkdir pip pytest python python3".split()
+    ". avrdude bitneat cc cd cmp cp export gunzip make mkdir pip pytest python python3 tensorboard".split()
 )  # a block is one of shell if one of its lines starts with one of these
 _LANGUAGES = frozenset({"sh", "bash", "console", "shell"})
 _SETTING = re.compile(r"^(?:[A-Z_]+=\S+ )+")

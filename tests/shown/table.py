@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -48,12 +48,14 @@ class Table:
         inputs: for a page, the files that lie in its folder before its first command: each with a kind of `tests.shown.inputs`.
         repeating: pages of which a command that another page shows, too, is run there alone.
         elsewhere: pages that another test runs, each with that test.
+        needs: for a page, the programs and files (by their absolute paths) that its commands need beyond Python's packages.
     """
 
     rows: tuple[Row, ...]
     inputs: Mapping[str, Mapping[str, str]]
     repeating: frozenset[str]
     elsewhere: Mapping[str, str]
+    needs: Mapping[str, Sequence[str]]
 
     def row(self, command: Command) -> Row | None:
         """The row of a command; None if it is run as it is."""
@@ -65,9 +67,9 @@ def read(path: Path = TABLE) -> Table:
     data = tomllib.loads(path.read_text(encoding="utf-8"))
     rows = tuple(_row(dict(entry)) for entry in data.pop("command"))
     inputs, elsewhere = data.pop("inputs"), data.pop("elsewhere")
-    repeating = frozenset(data.pop("repeating"))
+    repeating, needs = frozenset(data.pop("repeating")), data.pop("needs")
     assert not data, f"{path.name}: unknown keys {sorted(data)}"
-    return Table(rows, inputs, repeating, elsewhere)
+    return Table(rows, inputs, repeating, elsewhere, needs)
 
 
 def _row(entry: dict[str, Any]) -> Row:
@@ -86,4 +88,6 @@ def stale(table: Table, shown: Iterable[Command]) -> list[str]:
             if not any(command.text == row.shown and page in ("*", command.page) for command in commands):
                 found.append(f"{page}: {row.shown}")
     pages = {command.page for command in commands}
-    return found + [page for page in (*table.inputs, *table.repeating, *table.elsewhere) if page not in pages]
+    return found + [
+        page for page in (*table.inputs, *table.repeating, *table.elsewhere, *table.needs) if page not in pages
+    ]
