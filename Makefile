@@ -11,7 +11,7 @@ LONG_BUDGET ?= 10
 .PHONY: help venv demo test test-long test-baselines check format docs reference clean
 
 help:
-	@echo "make demo       evolve, generate C and verify it, in demo/; then the same for the committed champion"
+	@echo "make demo       evolve, generate C, verify it, make a page of it, in demo/; then the same for a committed champion"
 	@echo "make test       the tests; installs cross compilers where apt allows it (not with BITNEAT_NO_APT=1)"
 	@echo "make test-long  all tests, the long ones included, with $(LONG_BUDGET) times the budget"
 	@echo "make test-baselines  those that train with bitneat[baselines], which it installs: PyTorch is large"

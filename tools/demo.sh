@@ -31,8 +31,12 @@ run bitneat evolve --env BipedalWalker-v3 --generations 152 --seed 1 -o run
 say "Generate C for it, compile it, and compare it with the simulator's loop, bit for bit"
 deploy run/champion.pkl walker 2
 
-champion=../examples/walker/champion.pkl
-say "The same for the committed champion"
+champion=../examples/champions/tiny.pkl
+say "The same for the smallest committed champion"
 deploy "$champion" champion 3
 
-say "Done: demo/walker.c and demo/champion.c are the files that were verified"
+say "Look at both: the walk, the network at work, the C in the browser"
+run bitneat report run -o evolved.html --compare "$champion"
+run bitneat report "$champion" -o report.html
+
+say "Done: demo/walker.c and demo/champion.c are the files that were verified; open demo/report.html in a browser"

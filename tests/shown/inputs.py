@@ -78,6 +78,13 @@ def _brief(target: Path) -> None:
     target.write_text("".join(["[evolve]\ngenerations = 2\n", *lines, "[NEAT]\npop_size = 4\n"]))
 
 
+def _run(target: Path) -> None:
+    """The folder of a short run, of a task that is over soon."""
+    configuration = target.with_name("made.ini")
+    _brief(configuration)
+    assert main(["evolve", "--env", "CartPole-v1", "--config", str(configuration), "-o", str(target)]) == 0
+
+
 def _sensor_map(target: Path) -> None:
     entries = [f"[[inputs]]\ninput = {i}\ncounts = [0, 4095]\npoints = [[0, -3.5], [4095, 3.5]]\n" for i in range(24)]
     entries += [f"[[outputs]]\noutput = {i}\nvalues = [-1, 1]\ncounts = [1000, 2000]\n" for i in range(4)]
@@ -95,6 +102,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "neat-python configuration": _neat_configuration,
     "neat-python genome": _genome,
     "brief configuration": _brief,
+    "run": _run,
     "sensor map": _sensor_map,
     "folder": Path.mkdir,
 }
