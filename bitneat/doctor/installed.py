@@ -18,6 +18,9 @@ _EXTRAS = {
     "bench": "EnvPool in bitneat bench sim",
     "peers": "python -m benchmarks.peers, from a checkout",
     "docs": "make docs, from a checkout",
+    "render": "bitneat render",
+    "tensorboard": "bitneat evolve --tensorboard",
+    "cluster": "bitneat evolve --evaluator ray",
 }
 
 
