@@ -187,6 +187,24 @@ class Controller:
 
         return fingerprint(self.canonical)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For pickles between our own processes: plain numbers, some ten times as fast as an object for every link."""
+        inputs = tuple((entry.scale, entry.limit) for entry in self.inputs)
+        nodes = tuple(
+            (
+                tuple((link.source, link.delay, link.shift, link.sign) for link in node.links),
+                node.bias,
+                node.gain,
+                node.activation,
+            )
+            for node in self.nodes
+        )
+        outputs = tuple(
+            (True, output.index) if isinstance(output, Signal) else (False, output.value) for output in self.outputs
+        )
+        is_canonical = self.__dict__.get("canonical") is self
+        return _rebuilt, (inputs, nodes, outputs, self.frac_bits, is_canonical, self.__dict__.get("sha256"))
+
     def new_state(self) -> State:
         """The state after a reset: every delayed link reads 0 next."""
         return State([0] * self.num_signals)
@@ -253,6 +271,32 @@ class Controller:
             _output_from_data(entry, f"outputs[{i}]") for i, entry in enumerate(_list(fields["outputs"], "outputs"))
         )
         return cls(inputs=inputs, nodes=nodes, outputs=outputs, frac_bits=fields["frac_bits"])
+
+
+def _rebuilt(
+    inputs: Iterable[tuple[int, int]],
+    nodes: Iterable[tuple[Iterable[tuple[int, int, int, int]], int, int, str]],
+    outputs: Iterable[tuple[bool, int]],
+    frac_bits: int,
+    is_canonical: bool,
+    sha256: str | None,
+) -> Controller:
+    """What `Controller.__reduce__` took apart; it was valid, so it is not validated again."""
+    controller = object.__new__(Controller)
+    controller.__dict__.update(
+        inputs=tuple(Input(*entry) for entry in inputs),
+        nodes=tuple(
+            Node(tuple(Link(*link) for link in links), bias, gain, activation)
+            for links, bias, gain, activation in nodes
+        ),
+        outputs=tuple(Signal(value) if is_signal else Constant(value) for is_signal, value in outputs),
+        frac_bits=frac_bits,
+    )
+    if is_canonical:
+        controller.__dict__["canonical"] = controller
+    if sha256 is not None:
+        controller.__dict__["sha256"] = sha256
+    return controller
 
 
 def _fields(data: object, where: str, required: Sequence[str] = (), optional: Sequence[str] = ()) -> dict[str, Any]:

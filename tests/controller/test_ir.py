@@ -364,3 +364,15 @@ class TestShapesAreChecked:
     def test_an_element_of_another_kind_is_refused_by_its_place(self) -> None:
         with pytest.raises(ControllerError, match=r"^nodes\[0\].links\[1\]: expected a link, got 3$"):
             Controller((Input(),), (Node((Link(0), 3)),), (Signal(0),))  # type: ignore[arg-type]
+
+
+@given(controllers())
+def test_a_controller_comes_back_from_a_pickle_with_what_was_known_of_it(controller: Controller) -> None:
+    fresh = pickle.loads(pickle.dumps(controller))
+    assert fresh == controller
+    assert "sha256" not in fresh.__dict__
+    assert fresh.sha256 == controller.sha256
+    known = pickle.loads(pickle.dumps(controller.canonical))
+    assert known.canonical is known
+    assert known.sha256 == controller.sha256
+    assert copy.deepcopy(controller) == controller
