@@ -203,7 +203,7 @@ class Controller:
             (True, output.index) if isinstance(output, Signal) else (False, output.value) for output in self.outputs
         )
         is_canonical = self.__dict__.get("canonical") is self
-        return _rebuilt, (inputs, nodes, outputs, self.frac_bits, is_canonical, self.__dict__.get("sha256"))
+        return _rebuilt, (inputs, nodes, outputs, self.frac_bits, (is_canonical, self.__dict__.get("sha256")))
 
     def new_state(self) -> State:
         """The state after a reset: every delayed link reads 0 next."""
@@ -278,10 +278,13 @@ def _rebuilt(
     nodes: Iterable[tuple[Iterable[tuple[int, int, int, int]], int, int, str]],
     outputs: Iterable[tuple[bool, int]],
     frac_bits: int,
-    is_canonical: bool,
-    sha256: str | None,
+    known: tuple[bool, str | None],
 ) -> Controller:
-    """What `Controller.__reduce__` took apart; it was valid, so it is not validated again."""
+    """What `Controller.__reduce__` took apart; it was valid, so it is not validated again.
+
+    ``known`` says whether it is its own canonical form, and what its fingerprint is, if that has been computed.
+    """
+    is_canonical, sha256 = known
     controller = object.__new__(Controller)
     controller.__dict__.update(
         inputs=tuple(Input(*entry) for entry in inputs),
