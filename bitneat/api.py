@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from bitneat.champion import Champion, EnvironmentSpec, load, load_any, save_json, save_pickle
+from bitneat.champion import AnyChampion, Champion, EnvironmentSpec, load, load_any, save_json, save_pickle
 from bitneat.controller import Controller, Encoder, State
 from bitneat.controller.packing import pack, unpack
 from bitneat.errors import BitneatError
@@ -107,6 +107,7 @@ def evolve(
     environment: Environment = WALKER,
     *,
     config: str | Path | Config | None = None,
+    start: AnyChampion | None = None,
     population: int | None = None,
     generations: int | None = None,
     seconds: float | None = None,
@@ -123,6 +124,7 @@ def evolve(
         environment: a Gymnasium id or an `EnvironmentSpec`; modules that it imports must have been imported, or allowed with
             `bitneat.sim.environment.allow_imports`.
         config: a file, the name of a preset, or a `Config`; None for the preset of the environment.
+        start: a champion, or a float teacher, to start from instead of from nothing.
         population: genomes a generation; None for the configuration's.
         generations: None for the configuration's.
         seconds: stop after so long; such a run cannot be reproduced.
@@ -139,6 +141,8 @@ def evolve(
     from bitneat.evolve.config import Config, preset_for
     from bitneat.evolve.config import load as load_config
     from bitneat.evolve.run import RunFolder, RunSettings
+    from bitneat.evolve.starting import starting_point
+    from bitneat.sim.environment import inspect
     from bitneat.sim.walker.trigonometry import probe_for
 
     spec = _spec(environment)
@@ -152,7 +156,10 @@ def evolve(
     if seconds is not None and not 0 < seconds < float("inf"):
         raise BitneatError(f"seconds: {seconds}: expected a number above 0")
     folder = RunFolder(Path(output) if output is not None else Path("runs") / f"{spec.id.replace('/', '-')}-{seed}")
-    run = RunSettings(spec, settings, seed, seconds, trigonometry=probe_for(spec))
+    controllers: tuple[Controller, ...] = ()
+    if start is not None:
+        settings, controllers = starting_point(start, settings, inspect(spec), "start")
+    run = RunSettings(spec, settings, seed, seconds, trigonometry=probe_for(spec), start=controllers)
     return _carry_on(folder, run, _Means(workers, simulator, evaluator, progress), new=True)
 
 

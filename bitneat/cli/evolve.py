@@ -16,6 +16,7 @@ from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
+    from bitneat.controller import Controller
     from bitneat.evolve.config import Config
     from bitneat.evolve.evaluation import Evaluator
     from bitneat.evolve.progress import Progress
@@ -33,6 +34,7 @@ EXAMPLE = """\
   bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
   bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
   bitneat evolve --resume runs/BipedalWalker-v3-0
+  bitneat evolve --start float.pkl                        from a float teacher
   bitneat evolve --evaluator ray --ray-address auto       the episodes on a Ray cluster"""
 FILES = """\
   RUN/             written: config.ini, run.json, history.csv, checkpoints/,
@@ -60,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     search = parser.add_argument_group("search")
     search.add_argument(
         "--config", metavar="FILE|PRESET", help="configuration (default: the preset of the environment)"
+    )
+    search.add_argument(
+        "--start",
+        metavar="CHAMPION",
+        type=Path,
+        help="start from this champion, or from a float teacher's ternary versions, instead of from nothing",
     )
     search.add_argument("--pop", metavar="N", type=whole_number(2), help="population size")
     search.add_argument(
@@ -229,7 +237,14 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
     if args.pop is not None:
         config = config.with_values("NEAT", pop_size=args.pop)
     config = _with_generations(config, args.generations)
-    return RunSettings(spec, config, args.seed or 0, args.time, trigonometry=probe_for(spec))
+    start: tuple[Controller, ...] = ()
+    if args.start is not None:
+        from bitneat.champion import load_any
+        from bitneat.evolve.starting import starting_point
+        from bitneat.sim.environment import inspect
+
+        config, start = starting_point(load_any(args.start), config, inspect(spec), f"--start {args.start}")
+    return RunSettings(spec, config, args.seed or 0, args.time, trigonometry=probe_for(spec), start=start)
 
 
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
@@ -264,7 +279,7 @@ def _with_generations(config: Config, generations: int | None) -> Config:
 def _refuse_other_settings(args: argparse.Namespace) -> None:
     given = {
         "--env": args.env, "--env-arg": args.env_arg, "--pop": args.pop,
-        "--seed": args.seed, "-o": args.output,
+        "--seed": args.seed, "--start": args.start, "-o": args.output,
     }  # fmt: skip
     for option, value in given.items():
         if value is not None:

@@ -30,6 +30,7 @@ from bitneat.champion import (
     save_json,
     save_pickle,
 )
+from bitneat.controller import Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config, parse
 from bitneat.evolve.evaluation import Evaluator
@@ -76,6 +77,8 @@ class RunSettings:
     earlier: tuple[Stage, ...] = ()
     trigonometry: str | None = None
     """Hash of the C library's functions that walkers depend on, where the run began; see `bitneat.sim.walker.trigonometry`."""
+    start: tuple[Controller, ...] = ()
+    """What the first population is made of; see `bitneat.evolve.starting`."""
 
     def to_data(self) -> dict[str, Any]:
         """As plain data; the configuration has its own file."""
@@ -87,6 +90,7 @@ class RunSettings:
             "seconds": self.seconds,
             "earlier": [stage.to_data() for stage in self.earlier],
             "trigonometry": self.trigonometry,
+            **({"start": [controller.to_data() for controller in self.start]} if self.start else {}),
         }
 
 
@@ -146,6 +150,7 @@ class RunFolder:
             spec = environment_from_data(data["environment"])
             seed, seconds = data["seed"], data["seconds"]
             trigonometry = data.get("trigonometry")  # runs of before it was recorded lack the key
+            start = tuple(Controller.from_data(entry) for entry in data.get("start", ()))
             earlier = tuple(Stage(_count(stage["generations"]), str(stage["config"])) for stage in data["earlier"])
             if type(seed) is not int or not 0 <= seed < MAX_SEED:
                 raise BitneatError("seed: expected an integer from 0")
@@ -157,7 +162,7 @@ class RunFolder:
                 raise BitneatError("trigonometry: expected 16 hexadecimal digits, or null")
         except Exception as error:  # the file may be anyone's
             raise BitneatError(f"{self.path / 'run.json'}: damaged: {_reason(error)}") from None
-        return RunSettings(spec, config, seed, seconds, earlier, trigonometry)
+        return RunSettings(spec, config, seed, seconds, earlier, trigonometry, start)
 
     def generations(self) -> int:
         """Generations completed, according to the last checkpoint."""
@@ -241,7 +246,7 @@ def carry_on(
     saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
-    search = Search(settings.config, settings.environment, info, settings.seed)
+    search = Search(settings.config, settings.environment, info, settings.seed, settings.start)
     folder.restore(search)
     folder.save_history(search)  # the run may have died between a checkpoint and its history
     generations = settings.config["evolve"]["generations"]
@@ -286,6 +291,7 @@ def _champion(
         "config": settings.config.text,
         "earlier": [stage.to_data() for stage in settings.earlier],
         "seed": settings.seed,
+        **({"start": [controller.sha256 for controller in settings.start]} if settings.start else {}),
         "generation": candidate.generation,
         "generations": search.generation,
         "steps": search.total_steps,

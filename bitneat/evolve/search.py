@@ -156,9 +156,20 @@ class Search:
         spec: the environment.
         info: what `inspect` says of it.
         seed: of all randomness.
+        start: controllers that the first population is made of, with mutants of them; none for random genomes.
+
+    Raises:
+        BitneatError: if the environment has too many inputs or outputs, or no genome is like any controller of ``start``.
     """
 
-    def __init__(self, config: Config, spec: EnvironmentSpec, info: EnvironmentInfo, seed: int) -> None:
+    def __init__(
+        self,
+        config: Config,
+        spec: EnvironmentSpec,
+        info: EnvironmentInfo,
+        seed: int,
+        start: Sequence[Controller] = (),
+    ) -> None:
         self.config = config
         self.spec = spec
         self.info = info
@@ -178,6 +189,10 @@ class Search:
         self._neat_config = neat_config(config, self.kind)
         with self.streams.neat():
             self.population = Population(self._neat_config)
+            if start and not self._populate(start):
+                raise BitneatError(
+                    "start: no genome is like the champion: it has constant outputs, or one node for two"
+                )
         settings = config["evolve"]
         self.linear: LinearSearch | None = None
         if settings["linear_generations"]:
