@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from bitneat.version import __version__
+
 ROOT = Path(__file__).resolve().parents[1]
 TOOLCHAINS = ROOT / "cmake" / "toolchains"
 COMPILER_OF = {
@@ -24,10 +26,10 @@ COMPILER_OF = {
 ELF_MACHINE_OF = {"arm-none-eabi-cortex-m0": 40, "zig-cortex-m0": 40, "avr-atmega328p": 83, "zig-avr": 83}
 EM_RISCV = 243
 
-CONSUMER = """
+CONSUMER = f"""
 cmake_minimum_required(VERSION 3.21)
 project(stranger LANGUAGES C)
-find_package(bitneat_runtime 0.1 REQUIRED)
+find_package(bitneat_runtime {__version__.rpartition(".")[0]} REQUIRED)
 add_executable(stranger main.c)
 target_link_libraries(stranger PRIVATE bitneat::runtime)
 """

@@ -22,6 +22,7 @@ from bitneat.cli.main import main
 from bitneat.codegen.package import KINDS
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction
 from bitneat.verify.cfile import CFile
+from bitneat.version import __version__
 from tests.strategies import random_controller
 
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")
@@ -157,10 +158,12 @@ def test_plain_builds_with_make_and_its_selftests_can_fail(champion: Champion, o
     assert failed.returncode != 0
 
 
-STRANGER = """
+MINOR = __version__.rpartition(".")[0]
+
+STRANGER = f"""
 cmake_minimum_required(VERSION 3.21)
 project(stranger LANGUAGES C CXX)
-find_package(legs 0.1 REQUIRED)
+find_package(legs {MINOR} REQUIRED)
 add_executable(stranger main.c)
 target_link_libraries(stranger PRIVATE legs::legs)
 add_executable(stranger_cxx main.cpp)
@@ -218,14 +221,14 @@ def test_cmake_refuses_another_version(tmp_path: Path, monkeypatch: pytest.Monke
     run("cmake", "-S", folder, "-B", "build", cwd=tmp_path)
     run("cmake", "--build", "build", cwd=tmp_path)
     run("cmake", "--install", "build", "--prefix", tmp_path / "prefix", cwd=tmp_path)
-    other = stranger(tmp_path / "stranger", FEED_FORWARD, STRANGER.replace("legs 0.1", "legs 99.0"))
+    other = stranger(tmp_path / "stranger", FEED_FORWARD, STRANGER.replace(f"legs {MINOR}", "legs 99.0"))
     with pytest.raises(AssertionError, match="is not compatible with the version requested"):
         run("cmake", "-S", other, "-B", other / "build", f"-DCMAKE_PREFIX_PATH={tmp_path / 'prefix'}", cwd=tmp_path)
 
 
 def test_cmake_works_as_a_subdirectory_and_brings_no_tests_there(champion: Champion, tmp_path: Path) -> None:
     package("cmake")
-    cmakelists = STRANGER.replace("find_package(legs 0.1 REQUIRED)", "add_subdirectory(../legs legs)")
+    cmakelists = STRANGER.replace(f"find_package(legs {MINOR} REQUIRED)", "add_subdirectory(../legs legs)")
     other = stranger(tmp_path / "stranger", champion, cmakelists)
     run("cmake", "-S", other, "-B", other / "build", cwd=tmp_path)
     run("cmake", "--build", other / "build", cwd=tmp_path)
