@@ -214,14 +214,19 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
     chosen = choose(spec, means.simulator, _warn)
     if new:
         folder.create(settings)
-    if means.evaluator is None:
-        evaluator, recheck = evaluator_for(chosen, means.workers, spec, info, max_steps)
-    else:
-        evaluator, recheck = means.evaluator, recheck_for(chosen, spec, info, max_steps)
+    evaluator = means.evaluator
     try:
+        if evaluator is None:
+            evaluator, recheck = evaluator_for(chosen, means.workers, spec, info, max_steps)
+        else:
+            recheck = recheck_for(chosen, spec, info, max_steps)
         outcome = carry_on(folder, settings, info, evaluator, means.progress or _Silent(), check=recheck)
+    except Exception:
+        if new and folder.generations() == 0:  # it would be in the way of another try
+            folder.discard()
+        raise
     finally:
-        if means.evaluator is None:
+        if means.evaluator is None and evaluator is not None:
             evaluator.close()
     if not isinstance(outcome.champion, Champion):
         raise BitneatError(f"{folder.champion_pickle}: is a float network; quantize it for a controller")

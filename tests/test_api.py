@@ -198,6 +198,21 @@ def test_what_cannot_run_is_said_in_a_line_and_leaves_no_folder(
     assert not (tmp_path / "run").exists()
 
 
+def test_a_run_that_fails_at_once_leaves_no_folder_in_the_way(tmp_path: Path) -> None:
+    class Broken:
+        def evaluate(self, *arguments: object) -> list[object]:
+            raise bitneat.BitneatError("the cluster was lost")
+
+        def close(self) -> None:
+            raise AssertionError("it is the caller's")
+
+    few = {"population": 4, "generations": 1, "output": tmp_path / "run"}
+    with pytest.raises(bitneat.BitneatError, match="the cluster was lost"):
+        bitneat.evolve("CartPole-v1", evaluator=Broken(), **few)  # type: ignore[arg-type]
+    assert not (tmp_path / "run").exists()
+    assert bitneat.evolve("CartPole-v1", workers=1, **few).finished  # type: ignore[arg-type]
+
+
 def test_a_champion_without_a_time_limit_or_environment_is_refused_by_evaluate(tiny: bitneat.Champion) -> None:
     homeless = bitneat.Champion(tiny.controller, tiny.action)
     with pytest.raises(bitneat.BitneatError, match="names no environment"):
