@@ -3,11 +3,15 @@
 
 Each does what the command of its name does and returns values where that prints; whatever a caller can get wrong raises
 `BitneatError`, whose message is one line.
+
+A script that calls `evolve`, `resume` or `evaluate` for an environment that Gymnasium runs in worker processes does so under
+``if __name__ == "__main__":``, as with every use of `multiprocessing`; or it asks for ``workers=1``.
 """
 
 from __future__ import annotations
 
 import csv
+import multiprocessing
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -140,12 +144,14 @@ def evolve(
     """
     from bitneat.evolve.config import Config, preset_for
     from bitneat.evolve.config import load as load_config
-    from bitneat.evolve.run import RunFolder, RunSettings
+    from bitneat.evolve.run import MAX_SEED, RunFolder, RunSettings
     from bitneat.evolve.starting import starting_point
     from bitneat.sim.environment import inspect
     from bitneat.sim.walker.trigonometry import probe_for
 
     spec = _spec(environment)
+    if type(seed) is not int or not 0 <= seed < MAX_SEED:
+        raise BitneatError(f"seed: {seed!r:.40}: expected an integer from 0")
     if config is None:
         config = preset_for(spec)
     settings = config if isinstance(config, Config) else load_config(str(config))
@@ -203,15 +209,20 @@ class _Means:
 
 
 def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: bool) -> Evolved:
+    from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.search import episode_limit
     from bitneat.evolve.simulators import choose, evaluator_for, recheck_for
     from bitneat.sim.environment import inspect
 
+    _refuse_in_worker()
     spec = settings.environment
     info = inspect(spec)
     max_steps = episode_limit(settings.config, spec, info)
     chosen = choose(spec, means.simulator, _warn)
+    limit = getattr(means.evaluator, "max_steps", max_steps)
+    if limit != max_steps:
+        raise BitneatError(f"evaluator: stops episodes after {limit} steps, this run does after {max_steps}")
     if new:
         folder.create(settings)
     evaluator = means.evaluator
@@ -221,6 +232,8 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
         else:
             recheck = recheck_for(chosen, spec, info, max_steps)
         outcome = carry_on(folder, settings, info, evaluator, means.progress or _Silent(), check=recheck)
+    except SimulatorsDifferError:
+        raise  # the folder stays, to go on with simulator="gymnasium"
     except Exception:
         if new and folder.generations() == 0:  # it would be in the way of another try
             folder.discard()
@@ -261,6 +274,7 @@ def evaluate(
     from bitneat.sim.environment import inspect
     from bitneat.verify.check import Settings, environment_of
 
+    _refuse_in_worker()
     if episodes < 1 or seed < 0:
         raise BitneatError(f"episodes {episodes}, seed {seed}: expected at least one episode and a seed from 0")
     spec = environment_of(champion, Settings(environment=None if environment is None else _spec(environment)))
@@ -335,7 +349,9 @@ def verify(
     from bitneat.verify.check import verify as check
     from bitneat.verify.targets import select, style_for
 
-    names = [targets] if isinstance(targets, str) else targets
+    names = _names(targets)
+    if vectors is not None and vectors < 1:
+        raise BitneatError(f"vectors: {vectors}: expected a number from 1")
     thorough = names is not None and "all" in names
     settings = Settings(
         episodes=episodes,
@@ -361,7 +377,7 @@ def size(champion: Champion, targets: str | Sequence[str] | None = None) -> Size
     from bitneat.verify.size import measure_sizes
     from bitneat.verify.targets import select
 
-    names = [targets] if isinstance(targets, str) else targets
+    names = _names(targets)
     return measure_sizes(champion, select(names, run=False), speed=names is not None)
 
 
@@ -372,6 +388,22 @@ def save(champion: Champion, path: str | Path) -> None:
         BitneatError: if the file cannot be written.
     """
     (save_json if Path(path).suffix == ".json" else save_pickle)(champion, path)
+
+
+def _names(targets: str | Sequence[str] | None) -> Sequence[str] | None:
+    return [name.strip() for name in targets.split(",")] if isinstance(targets, str) else targets
+
+
+def _refuse_in_worker() -> None:
+    """Worker processes import the script that started them; one that evolves as it is imported would start workers without end.
+
+    Raises:
+        BitneatError: in such a process.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise BitneatError(
+            "called while a worker process imports this script; put the call under: if __name__ == '__main__':"
+        )
 
 
 def _spec(environment: Environment) -> EnvironmentSpec:

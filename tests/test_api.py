@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from hypothesis import given, settings
 
 import bitneat
 from bitneat.cli.main import main
-from bitneat.controller import Controller, Encoder, Input, Link, Node, Reference, Signal
+from bitneat.controller import Controller, Encoder, Input, Link, Node, Reference, Signal, State
 from bitneat.sim.environment import EnvironmentSpec
 from tests.strategies import controllers_with_inputs
 
@@ -97,6 +98,8 @@ def test_a_controller_with_memory_asks_for_its_state() -> None:
     assert counter.step([1], second) == [1]
     with pytest.raises(bitneat.BitneatError, match=r"inputs\[0\] is 2, outside its limit"):
         counter.step([2], first)
+    with pytest.raises(bitneat.BitneatError, match="the state has 0 signals, the controller 2"):
+        counter.step([1], State([]))
 
 
 def test_an_agent_forgets_between_episodes() -> None:
@@ -141,6 +144,14 @@ def test_verify_judges_text_files_and_its_own(tiny: bitneat.Champion, tmp_path: 
     report = bitneat.verify(tiny, source, **few)
     assert not report.passed
     assert "its weight table is not the one that codegen writes" in " ".join(report.failures)
+    assert {
+        target.name for target in bitneat.verify(tiny, targets="host-table, host-unrolled", episodes=1).targets
+    } == {
+        "host-table",
+        "host-unrolled",
+    }
+    with pytest.raises(bitneat.BitneatError, match="vectors: 0: expected a number from 1"):
+        bitneat.verify(tiny, vectors=0)
     with pytest.raises(bitneat.BitneatError, match="--targets z80: no such target"):
         bitneat.verify(tiny, targets="z80")
 
@@ -182,6 +193,9 @@ def test_a_run_is_the_commands_and_goes_on_when_it_is_stopped(tmp_path: Path) ->
     ("wrong", "message"),
     [
         ({"seconds": 0}, "seconds: 0: expected a number above 0"),
+        ({"seed": -1}, "seed: -1: expected an integer from 0"),
+        ({"seed": True}, "seed: True: expected an integer from 0"),
+        ({"seed": 1.5}, "seed: 1.5: expected an integer from 0"),
         ({"simulator": "fast"}, "simulator 'fast': expected one of auto, native, gymnasium"),
         ({"simulator": "native"}, "--simulator native"),
         ({"config": "nothing"}, "nothing"),
@@ -196,6 +210,35 @@ def test_what_cannot_run_is_said_in_a_line_and_leaves_no_folder(
         bitneat.evolve(**arguments)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "run").exists()
+
+
+def test_an_evaluator_that_stops_elsewhere_is_refused(tmp_path: Path) -> None:
+    class Short:
+        max_steps = 7
+
+    with pytest.raises(bitneat.BitneatError, match="evaluator: stops episodes after 7 steps, this run does after 500"):
+        bitneat.evolve("CartPole-v1", evaluator=Short(), output=tmp_path / "run")  # type: ignore[arg-type]
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_script_without_a_guard_gets_a_line_that_says_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    call = "bitneat.evolve('CartPole-v1', population=4, generations=1, workers=2, output='run')"
+    script.write_text(f"import bitneat\n{call}\n")
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode != 0
+    assert "put the call under: if __name__ == '__main__':" in done.stderr
+    script.write_text(f"import bitneat\nif __name__ == '__main__':\n    {call}\n")
+    subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, check=True, timeout=120)
 
 
 def test_a_run_that_fails_at_once_leaves_no_folder_in_the_way(tmp_path: Path) -> None:

@@ -152,7 +152,7 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
     from bitneat.evolve.recheck import SimulatorsDifferError
-    from bitneat.evolve.run import carry_on
+    from bitneat.evolve.run import carry_on, searching
     from bitneat.evolve.search import episode_limit
     from bitneat.sim.environment import inspect
 
@@ -163,6 +163,8 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     if args.resume is None:
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
+        # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
+        folder.restore(searching(folder, settings, info))
         folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
@@ -258,7 +260,9 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
     refuse_other(settings.trigonometry, str(folder.path / "run.json"))
     if args.config is not None:
         stage = Stage(folder.generations(), settings.config.text)
-        settings = replace(settings, config=load(args.config), earlier=(*settings.earlier, stage))
+        settings = replace(
+            settings, config=_as_begun(args.config, load(args.config), settings), earlier=(*settings.earlier, stage)
+        )
     for key in ("linear_generations", "linear_population"):
         before = (settings.earlier[-1] if settings.earlier else None) and parse(settings.earlier[-1].config, "run.json")
         if args.config is not None and before and before["evolve"][key] != settings.config["evolve"][key]:
@@ -270,6 +274,23 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
             f"--resume {folder.path}: has completed {done} generations, more than the {wanted} asked for"
         )
     return replace(settings, config=config, seconds=settings.seconds if args.time is None else args.time)
+
+
+def _as_begun(where: str, config: Config, settings: RunSettings) -> Config:
+    """The new configuration of a run that has begun, with what it must keep: its kinds, and the inputs of what it started from.
+
+    Raises:
+        BitneatError: if it names other kinds.
+    """
+    for key in ("genome", "reproduction"):
+        if config["NEAT"][key] != settings.config["NEAT"][key]:
+            raise BitneatError(
+                f"--config {where}: [NEAT] {key}: a run that has begun keeps its {settings.config['NEAT'][key]}"
+            )
+    if not settings.start:
+        return config
+    kept = ("linear_generations", "frac_bits", "input_scales", "input_limits")
+    return config.with_values("evolve", **{key: settings.config["evolve"][key] for key in kept})
 
 
 def _with_generations(config: Config, generations: int | None) -> Config:

@@ -86,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.output.is_dir():
         raise BitneatError(f"{args.output}: is a folder, expected the name of an HTML file")
+    if not args.output.resolve().parent.is_dir():  # to be known before the work, and not after it
+        raise BitneatError(f"{args.output}: cannot write: its folder does not exist")
     allow_imports(args.imports)
     with _progress() as progress:
         sources = _sources(args, progress)
@@ -160,6 +162,7 @@ def _verdict(path: Path, champion: Champion) -> Mapping[str, Any]:
 
     try:
         data = json.loads(read_capped(path, MAX_JSON_BYTES))
+        json.dumps(data, ensure_ascii=False).encode()  # half of a surrogate pair is no text
     except (ValueError, RecursionError):
         raise BitneatError(f"{path}: not the JSON of a report") from None
     controller = data.get("controller") if isinstance(data, dict) else None

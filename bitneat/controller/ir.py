@@ -228,6 +228,10 @@ class Controller:
             if self.is_recurrent:
                 raise ControllerError("step: a controller with delayed links needs a state; make one with new_state()")
             state = self.new_state()
+        elif len(state.signals) != self.num_signals:
+            raise ControllerError(
+                f"step: the state has {len(state.signals)} signals, the controller {self.num_signals}"
+            )
         state.signals = evaluate_signals(self, inputs, state.signals)
         return outputs_of(self, state.signals)
 

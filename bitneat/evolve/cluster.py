@@ -13,7 +13,9 @@ import os
 import pickle
 import platform
 import re
+import signal
 import socket
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -103,6 +105,7 @@ class RayEvaluator:
     ) -> None:
         self._ray = _ray()
         self._warn = warn
+        self.max_steps = max_steps
         self._least = LEAST_EPISODES[simulator]
         self._mine = not self._ray.is_initialized()
         if self._mine:
@@ -179,11 +182,16 @@ def _connect(ray: Any, address: str | None, workers: int | None) -> None:
     options: dict[str, Any] = {"address": address, "log_to_driver": False, "logging_level": "error"}
     if address == "local":  # for this process alone, so it listens to this machine alone
         options |= {"num_cpus": workers, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
+    handler = signal.getsignal(signal.SIGTERM)
     try:
         _knock(address)
         ray.init(**options)
     except Exception as error:  # Ray has many for an address where nobody answers
         raise BitneatError(f"--ray-address {address}: no cluster: {_first_line(error)}") from None
+    finally:
+        # Ray puts its own in the place of ours, which ends a run with its checkpoint kept and a line on how to go on.
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)
 
 
 def _knock(address: str) -> None:

@@ -246,7 +246,7 @@ def carry_on(
     saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
-    search = Search(settings.config, settings.environment, info, settings.seed, settings.start)
+    search = searching(folder, settings, info)
     folder.restore(search)
     folder.save_history(search)  # the run may have died between a checkpoint and its history
     generations = settings.config["evolve"]["generations"]
@@ -276,6 +276,12 @@ def carry_on(
     folder.save_champion(champion)
     write_json(folder.path / "report.json", dict(champion.provenance))
     return Outcome(champion, score, candidate, finished=search.finished)
+
+
+def searching(folder: RunFolder, settings: RunSettings, info: EnvironmentInfo) -> Search:
+    """The search of a run before its last checkpoint is restored; with a checkpoint it does not matter what it started from."""
+    start = () if folder.generations() else settings.start
+    return Search(settings.config, settings.environment, info, settings.seed, start)
 
 
 def _champion(

@@ -119,7 +119,8 @@ def _draw_functions(axes: Axes, comparison: Comparison) -> None:
     z = comparison.z[shown]
     axes.plot(z, comparison.real[shown], color=ORANGE, linewidth=4.0, solid_capstyle="round")
     axes.plot(z, comparison.integer[shown], color=BLUE, linewidth=1.1)
-    axes.set_title(f"$\\bf{{{comparison.name}}}$   {comparison.formula.partition(' = ')[0]}")
+    title = f"$\\bf{{{comparison.name}}}$   {comparison.formula.partition(' = ')[0]}"
+    axes.set_title(title, parse_math=True)
     bounded = float(np.abs(comparison.integer).max()) <= 1.0
     bottom = -1.0 if float(comparison.integer.min()) < 0.0 else 0.0
     axes.set_ylim((bottom - 0.12, 1.12) if bounded else (bottom * SHOWN - 0.3, SHOWN + 0.3))

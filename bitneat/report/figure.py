@@ -54,6 +54,7 @@ def settings() -> Iterator[None]:
 
     ours: dict[Any, Any] = {
         "svg.hashsalt": "bitneat",
+        "text.parse_math": False,  # names of files and runs may hold a $
         "font.size": 9.0,
         "axes.titlesize": 10.0,
         "axes.titlelocation": "left",

@@ -64,7 +64,11 @@ def read_history(path: Path, label: str) -> History:
         raise BitneatError(f"{path}: holds no {_HISTORY}; expected a run folder of bitneat evolve")
     text = read_capped(file, _MAX_BYTES).decode("utf-8", "replace")
     reader = csv.DictReader(io.StringIO(text))
-    missing = [name for name in (*CURVES, "steps") if name not in (reader.fieldnames or ())]
+    try:
+        names = reader.fieldnames or ()
+    except csv.Error as error:
+        raise BitneatError(f"{file}: damaged: {error}") from None
+    missing = [name for name in (*CURVES, "steps") if name not in names]
     if missing:
         raise BitneatError(f"{file}: expected a history of bitneat evolve; it has no column {missing[0]!r}")
     try:

@@ -85,13 +85,23 @@ def mismatch(result: Result, job: Job, results: Mapping[str, Result]) -> str | N
         generations = job.overrides["quantize"]["generations"]
         if dict(result.config) != expected:
             return "quantizes something else, or in another way"
-        if job.method == "search" and result.notes["how"].get("generations") != generations:
-            return f"searched for {result.notes['how'].get('generations')} generations, not {generations}"
+        if (
+            job.source is not None
+            and job.source in results
+            and dict(results[job.source].heldout) != result.notes.get("before")
+        ):
+            return f"is of another {job.source} than there is now"
+        searched = result.notes.get("how", {}).get("generations")
+        if job.method == "search" and searched != generations:
+            return f"searched for {searched} generations, not {generations}"
         return None
     if not set(job.after) <= set(results):
         return None
     # Parsed, since an option that came later is not in its text, and has the value that it had without being one.
-    same = parse(result.config["text"], job.name).text == configuration(job, results).text
+    text = result.config.get("text")
+    if not isinstance(text, str):
+        return "has no configuration"
+    same = parse(text, job.name).text == configuration(job, results).text
     return None if same else "has another configuration"
 
 

@@ -89,6 +89,7 @@ def run_all(
                 else:
                     raise BitneatError(f"{entry.job.name}: {content}")
             tell(_state(results, jobs, total, running, folder))
+        _refuse_others(jobs, folder, results)  # again, now that what they depend on is there
     finally:
         for entry in running:
             entry.process.terminate()

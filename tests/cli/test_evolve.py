@@ -131,6 +131,22 @@ def test_a_run_can_go_on_under_another_configuration_and_records_both(tiny: str)
     assert Path("run/champion.pkl").read_bytes() == content
 
 
+@pytest.mark.parametrize("preset", ["paper-int", "paper-wann", "paper-softmax"])
+def test_a_configuration_that_a_run_cannot_go_on_under_changes_nothing(
+    tiny: str, preset: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]
+    assert main(["evolve", *common, "--generations", "2", "-o", "run"]) == 0
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    capsys.readouterr()
+    assert main(["evolve", "--resume", "run", "--config", preset]) == 2
+    error = capsys.readouterr().err
+    assert f"--config {preset}: [NEAT]" in error
+    assert error.count("\n") == 1
+    assert {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()} == before
+    assert main(["evolve", "--resume", "run", "--generations", "3", "--workers", "1"]) == 0
+
+
 def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
     tiny: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -136,10 +136,24 @@ def refuses_machines_that_differ(nodes: Nodes, monkeypatch: pytest.MonkeyPatch) 
     assert not ray.is_initialized()
 
 
+def stops_on_sigterm_as_without_ray(nodes: Nodes, folder: Path) -> None:
+    """Although Ray has a handler of its own: the checkpoint stays, and a line says how to go on."""
+    command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
+    process = subprocess.Popen(
+        [*command, "--evaluator", "ray", "--ray-address", nodes.address], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    wait_for(lambda: rows(folder) >= 1, process)
+    process.terminate()
+    _, error = process.communicate(timeout=LIMIT)
+    assert process.returncode == 143, error
+    assert error.decode().splitlines()[-1] == f"bitneat: stopped; continue with: bitneat evolve --resume {folder}"
+
+
 def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
     nodes: Nodes, local: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refuses_machines_that_differ(nodes, monkeypatch)  # here, since a cluster takes long to start
+    stops_on_sigterm_as_without_ray(nodes, tmp_path / "stopped")
     folder = tmp_path / "ray"
     command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
     process = subprocess.Popen(

@@ -117,6 +117,20 @@ def test_a_run_from_a_teacher_resumes_to_the_same_bytes_without_it(
     assert same.champion == champion
 
 
+def test_a_run_that_goes_on_under_another_configuration_keeps_the_inputs_of_what_it_started_from(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "brief.ini").write_text(BRIEF)
+    (tmp_path / "next.ini").write_text(BRIEF.replace("generations = 3", "generations = 4\nfrac_bits = 6"))
+    run = tmp_path / "run"
+    assert main(["evolve", "--config", str(tmp_path / "brief.ini"), "--start", str(TINY), "-o", str(run)]) == 0
+    assert main(["evolve", "--resume", str(run), "--config", str(tmp_path / "next.ini")]) == 0
+    tiny = bitneat.load(TINY).controller
+    champion = bitneat.load(run / "champion.pkl")
+    assert champion.provenance["generations"] == 4
+    assert (champion.controller.frac_bits, champion.controller.inputs) == (tiny.frac_bits, tiny.canonical.inputs)
+
+
 def test_what_no_search_can_start_from_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tiny = bitneat.load(TINY)
     for arguments, message in (

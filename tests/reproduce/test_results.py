@@ -120,6 +120,14 @@ def test_a_result_of_another_experiment_is_told_from_the_jobs_own() -> None:
 
     search = found["ptq-ternary-search-1"]
     config = {"to": "ternary", "method": "search", "source": "default-1"}
+    source = result("default-1", 12.0)
+    rounded = result(
+        "ptq-ternary-search-1", config=config, notes={"how": {"generations": 20}, "before": source.heldout}
+    )
+    assert mismatch(rounded, search, collect(source)) is None
+    other = mismatch(rounded, search, collect(result("default-1", 13.0)))
+    assert other == "is of another default-1 than there is now"
+    assert mismatch(result("bit-1", config={}), found["bit-1"], {}) == "has no configuration"
     for generations, expected in ((20, None), (5, "searched for 5 generations, not 20")):
         tried = result("ptq-ternary-search-1", config=config, notes={"how": {"generations": generations}})
         assert mismatch(tried, search, {}) == expected

@@ -21,7 +21,7 @@ from bitneat.controller import BoxAction, Controller, Signal
 from bitneat.controller.packing import Layout
 from bitneat.report.page.graph import layout
 from bitneat.report.page.highlight import highlighted
-from bitneat.report.page.history import History, history_charts, pareto_chart, score
+from bitneat.report.page.history import LARGEST, History, history_charts, pareto_chart, score
 from bitneat.report.page.names import action_names, observation_names
 from bitneat.report.page.recording import ANGLE_STEPS, LENGTH_STEPS, RecordedEpisode
 from bitneat.report.page.tables import (
@@ -84,6 +84,7 @@ def build_page(sources: Sources) -> Page:
     inputs = observation_names(sources.environment.id, len(controller.inputs))
     outputs = action_names(sources.environment.id, len(controller.outputs))
     script, style = (ASSETS / "page.js").read_text("utf-8"), (ASSETS / "page.css").read_text("utf-8")
+    code_sha256 = hashlib.sha256(code.source.encode()).hexdigest()
     html = (
         _templates()
         .get_template("page.html.j2")
@@ -100,13 +101,13 @@ def build_page(sources: Sources) -> Page:
             source=highlighted(code.source),
             header=highlighted(code.header),
             downloads=[(f"{code.name}.c", _data_url(code.source)), (code.header_name, _data_url(code.header))],
-            code_sha256=hashlib.sha256(code.source.encode()).hexdigest(),
+            code_sha256=code_sha256,
             module=step,
             byte_parts=byte_parts(sources.sizes.packed[0]),
             encodings_rows=encoding_rows(sources.sizes),
             sizes=size_rows(sources.sizes),
             verification=sources.verification,
-            verify_facts=verify_facts(sources.verification),
+            verify_facts=verify_facts(sources.verification, code_sha256),
             verify_failures=verify_failures(sources.verification),
             verify_rows=verify_rows(sources.verification),
             proof=sources.proof,
@@ -214,7 +215,7 @@ def _facts(sources: Sources, controller: Controller) -> dict[str, Any]:
     held_out = sources.champion.provenance.get("held_out")
     mean = score(sources.champion, "held_out")
     std, episodes = (held_out.get("std"), held_out.get("episodes")) if isinstance(held_out, Mapping) else (None, None)
-    known = mean is not None and type(std) in (int, float) and type(episodes) is int
+    known = mean is not None and isinstance(std, int | float) and type(episodes) is int and 0 <= std <= LARGEST
     return {
         "sha256": controller.sha256,
         "kind": "ternary" if controller.is_ternary else "power-of-two weights",

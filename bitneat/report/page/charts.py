@@ -105,7 +105,7 @@ class Point:
 
 class _Scale:
     def __init__(self, low: float, high: float, start: float, stop: float) -> None:
-        self.step = tick_step(high - low)
+        self.step = max(tick_step(high - low), 1e-9 * max(abs(low), abs(high)))  # or it is lost in rounding
         self.low = math.floor(low / self.step) * self.step
         self.high = max(math.ceil(high / self.step) * self.step, self.low + self.step)
         self._start, self._stop = start, stop

@@ -20,6 +20,8 @@ from bitneat.files import read_capped
 from bitneat.report.page.charts import Chart, Point, Series, lines, scatter
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
+LARGEST = 1e15
+"""Numbers beyond it are shown as none: an axis could not count them."""
 MAX_ROWS = 100_000
 MAX_DRAWN = 1_500
 """Rows of a history that the charts have."""
@@ -56,7 +58,10 @@ def read_history(folder: Path) -> History:
 
 def _columns(path: Path) -> dict[str, tuple[float, ...]]:
     text = read_capped(path, MAX_FILE_BYTES).decode("utf-8", "replace")
-    rows = list(csv.reader(io.StringIO(text)))[: MAX_ROWS + 1]
+    try:
+        rows = list(csv.reader(io.StringIO(text)))[: MAX_ROWS + 1]
+    except csv.Error as error:
+        raise BitneatError(f"{path}: damaged: {error}") from None
     if not rows or not rows[0]:
         raise BitneatError(f"{path}: expected a table with a line of names")
     for number, row in enumerate(rows[1:], start=2):
@@ -70,7 +75,7 @@ def _value(text: str) -> float:
         value = float(text)
     except ValueError:
         return math.nan
-    return value if math.isfinite(value) else math.nan
+    return value if abs(value) <= LARGEST else math.nan
 
 
 def _candidates(path: Path) -> list[Point]:
@@ -83,7 +88,7 @@ def _candidates(path: Path) -> list[Point]:
                 size = len(pack(Controller.from_data(entry["controller"])))
                 rewards = [float(reward) for reward in entry["rewards"]]
                 found.append(Point(f"generation {int(entry['generation'])}", size, sum(rewards) / len(rewards)))
-    except (KeyError, TypeError, ValueError, ZeroDivisionError, RecursionError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, ArithmeticError, RecursionError, AttributeError) as error:
         raise BitneatError(f"{path}: damaged: {type(error).__name__}") from None
     return found
 
@@ -92,7 +97,7 @@ def history_charts(history: History) -> list[Chart]:
     """Reward and size over the generations, as far as the run has them."""
     columns = _thinned(history.columns)
     xs = columns.get("generation", ())
-    if not xs:
+    if not xs or not all(math.isfinite(x) for x in xs):
         return []
     rewards = [("best", "best of the generation", 1), ("selection", "champion so far, selection seeds", 2)]
     rewards += [("smallest_mean", "smallest above the floor", 3), ("mean", "mean of all", 3)]
@@ -133,4 +138,6 @@ def score(champion: Champion, which: str) -> float | None:
     """The mean of ``held_out`` or ``selection`` in a champion's provenance, if it is there and a number."""
     entry = champion.provenance.get(which)
     mean = entry.get("mean") if isinstance(entry, Mapping) else None
-    return float(mean) if isinstance(mean, (int, float)) and not isinstance(mean, bool) else None
+    if not isinstance(mean, int | float) or isinstance(mean, bool) or not abs(mean) <= LARGEST:
+        return None
+    return float(mean)

@@ -61,14 +61,18 @@ def encoding_rows(sizes: SizeReport) -> list[tuple[str, ...]]:
     ]
 
 
-def verify_facts(verification: Mapping[str, Any]) -> str:
-    """How much was compared, in a line."""
+def verify_facts(verification: Mapping[str, Any], code_sha256: str) -> str:
+    """How much was compared, in a line; and of which file, if not of the C with this SHA-256."""
     reward = verification.get("reward")
     mean = f", mean reward {shown(reward.get('mean'))}" if isinstance(reward, Mapping) else ""
     episodes = verification.get("episodes")
+    verified = verification.get("c_sha256")
+    other = (
+        "" if verified == code_sha256 else f"; of another C file than the one below (SHA-256 {shown(verified)[:12]})"
+    )
     return (
         f"{shown(episodes)} episode{'' if episodes == 1 else 's'} of {shown(verification.get('environment'))}, "
-        f"{shown(verification.get('steps'))} steps{mean}"
+        f"{shown(verification.get('steps'))} steps{mean}{other}"
     )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import html
 import itertools
+import json
 import random
 import re
 from pathlib import Path
@@ -26,6 +27,7 @@ from bitneat.report.page.graph import layout, spread
 from bitneat.report.page.highlight import highlighted
 from bitneat.report.page.history import MAX_DRAWN, History, history_charts, read_history
 from bitneat.report.page.recording import ANGLE_STEPS, LENGTH_STEPS, encoded, record
+from bitneat.report.page.tables import verify_facts
 from bitneat.report.page.webassembly import compile_module, without_custom_sections
 from bitneat.sim.environment import make
 from bitneat.verify.wasm import MAGIC, read_wasm
@@ -219,13 +221,20 @@ def test_only_custom_sections_are_taken_out() -> None:
     [
         ("history.csv", "a,b\n1\n", "line 2: expected 2 columns, got 1"),
         ("history.csv", "", "expected a table with a line of names"),
+        ("history.csv", f"a\n{'1' * 200_000}\n", "damaged: field larger than field limit"),
+        (
+            "checkpoints/generation-000001.json",
+            '{"search": {"candidates": [{"controller": CONTROLLER, "generation": Infinity, "rewards": [1]}]}}',
+            "damaged: OverflowError",
+        ),
         ("checkpoints/generation-000001.json", "{}", "damaged: KeyError"),
         ("checkpoints/generation-000001.json", "[", "damaged: JSONDecodeError"),
     ],
 )
 def test_a_damaged_run_is_an_error_in_one_line(name: str, content: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "checkpoints").mkdir()
-    (tmp_path / name).write_text(content)
+    controller = json.dumps(load(TINY).controller.to_data())
+    (tmp_path / name).write_text(content.replace("CONTROLLER", controller))
     with pytest.raises(BitneatError, match=re.escape(f"{tmp_path / name}: {message}")):
         read_history(tmp_path)
 
@@ -244,6 +253,19 @@ def test_the_course_and_the_candidates_of_an_evolving_run_are_read(tmp_path: Pat
     champion = load(tmp_path / "run" / "champion.pkl")
     assert len(pack(champion.controller.canonical)) in {point.x for point in history.points}
     assert all(0 < point.y <= 500 for point in history.points)
+
+
+@pytest.mark.parametrize("rewards", ["0,-1e20\n1,-1e20", "0,1e308\n1,-1e308", "x,1\n1,2", "0,1e14\n1,100000000000001"])
+def test_numbers_that_no_axis_can_count_are_left_out(rewards: str, tmp_path: Path) -> None:
+    (tmp_path / "history.csv").write_text(f"generation,best\n{rewards}\n")
+    for chart in history_charts(read_history(tmp_path)):
+        assert len(chart.y_ticks) < 20
+
+
+def test_a_verdict_on_another_file_says_so() -> None:
+    verdict = {"episodes": 1, "steps": 5, "environment": "CartPole-v1", "c_sha256": "ab" * 32}
+    assert "another C file than the one below (SHA-256 abababababab)" in verify_facts(verdict, "cd" * 32)
+    assert "another" not in verify_facts(verdict, "ab" * 32)
 
 
 def test_a_long_history_is_drawn_with_fewer_points() -> None:
