@@ -159,8 +159,8 @@ def evolve(
         settings = settings.with_values("NEAT", pop_size=population)
     if generations is not None:
         settings = settings.with_values("evolve", generations=generations)
-    if seconds is not None and not 0 < seconds < float("inf"):
-        raise BitneatError(f"seconds: {seconds}: expected a number above 0")
+    if seconds is not None and not (isinstance(seconds, int | float) and 0 < seconds < float("inf")):
+        raise BitneatError(f"seconds: {seconds!r:.40}: expected a number above 0")
     folder = RunFolder(Path(output) if output is not None else Path("runs") / f"{spec.id.replace('/', '-')}-{seed}")
     controllers: tuple[Controller, ...] = ()
     if start is not None:

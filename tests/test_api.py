@@ -98,6 +98,9 @@ def test_a_controller_with_memory_asks_for_its_state() -> None:
     assert counter.step([1], second) == [1]
     with pytest.raises(bitneat.BitneatError, match=r"inputs\[0\] is 2, outside its limit"):
         counter.step([2], first)
+    for wrong in ([0.9], ["1"]):
+        with pytest.raises(bitneat.BitneatError, match="step: expected integers"):
+            counter.step(wrong, first)  # type: ignore[arg-type]
     with pytest.raises(bitneat.BitneatError, match="the state has 0 signals, the controller 2"):
         counter.step([1], State([]))
 
@@ -112,6 +115,8 @@ def test_an_agent_forgets_between_episodes() -> None:
     assert agent.act([0.25]) == [0.5]
     agent.reset()
     assert agent.act([0.25]) == [0.25]
+    with pytest.raises(bitneat.BitneatError, match="observation: expected an array of numbers"):
+        agent.act(["x"])
     assert agent.state.signals == [64, 64]
 
 
@@ -193,6 +198,7 @@ def test_a_run_is_the_commands_and_goes_on_when_it_is_stopped(tmp_path: Path) ->
     ("wrong", "message"),
     [
         ({"seconds": 0}, "seconds: 0: expected a number above 0"),
+        ({"seconds": "5"}, "seconds: '5': expected a number above 0"),
         ({"seed": -1}, "seed: -1: expected an integer from 0"),
         ({"seed": True}, "seed: True: expected an integer from 0"),
         ({"seed": 1.5}, "seed: 1.5: expected an integer from 0"),

@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from bitneat.baselines.candidates import Candidates
 from bitneat.baselines.dense import DenseNetwork
-from bitneat.baselines.library import (
+from bitneat.baselines.method import Floats, Method, State
+from bitneat.baselines.settings import ArsSettings
+from bitneat.baselines.stable import (
     array,
     folded,
     moments_state,
@@ -21,8 +23,6 @@ from bitneat.baselines.library import (
     saved,
     silence,
 )
-from bitneat.baselines.method import Floats, Method, State
-from bitneat.baselines.settings import ArsSettings
 
 
 def start(settings: ArsSettings, seed: int) -> Method:

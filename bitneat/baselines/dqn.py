@@ -8,7 +8,9 @@ import numpy.typing as npt
 
 from bitneat.baselines.actions import action_table
 from bitneat.baselines.dense import DenseNetwork
-from bitneat.baselines.library import (
+from bitneat.baselines.method import Floats, Method, State
+from bitneat.baselines.settings import DqnSettings
+from bitneat.baselines.stable import (
     layers_of,
     random_state,
     recent_mean,
@@ -17,8 +19,6 @@ from bitneat.baselines.library import (
     saved,
     silence,
 )
-from bitneat.baselines.method import Floats, Method, State
-from bitneat.baselines.settings import DqnSettings
 
 _CHUNK = 10_000
 """Steps between two looks at it."""

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bitneat.baselines.dense import DenseNetwork
-from bitneat.baselines.library import (
+from bitneat.baselines.method import Floats, Method, State
+from bitneat.baselines.settings import PpoSettings
+from bitneat.baselines.stable import (
     folded,
     layers_of,
     moments_state,
@@ -23,8 +25,6 @@ from bitneat.baselines.library import (
     saved,
     silence,
 )
-from bitneat.baselines.method import Floats, Method, State
-from bitneat.baselines.settings import PpoSettings
 
 
 def start(settings: PpoSettings, steps: int, seed: int) -> Method:

@@ -33,7 +33,7 @@ class BaselineResult:
     """The same as nodes and links. DQN's has an output for each of 81 actions, see `actions`."""
     heldout: HeldOut
     """The score of ``policy``."""
-    library: HeldOut
+    by_library: HeldOut
     """The score of the library's own object in the same episodes."""
     settings: Mapping[str, Any]
     versions: Mapping[str, str]
@@ -81,7 +81,7 @@ class BaselineResult:
             "steps": self.steps,
             "episodes": self.episodes,
             "held_out": self.heldout.to_data(),
-            "library_held_out": self.library.to_data(),
+            "library_held_out": self.by_library.to_data(),
             "parameters": self.parameters,
             "float_bytes": self.float_bytes,
             "links": self.links,

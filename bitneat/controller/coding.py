@@ -42,7 +42,10 @@ class Encoder:
         """
         import numpy as np
 
-        values = np.asarray(observation, dtype=np.float64)
+        try:
+            values = np.asarray(observation, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise BitneatError("observation: expected an array of numbers") from None
         if values.shape[-1:] != self._factor.shape:
             raise BitneatError(
                 f"observation: expected {self._factor.size} components, got an array of shape {values.shape}"

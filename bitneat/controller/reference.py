@@ -7,6 +7,7 @@ Everything that bitneat generates or runs is judged against this module; `docs/s
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from operator import index
 
 from bitneat.controller.activation import evaluate
 from bitneat.controller.ir import SIGNAL_MAX, Constant, Controller, Node
@@ -53,12 +54,15 @@ def evaluate_signals(controller: Controller, inputs: Sequence[int], previous: Se
     Raises:
         BitneatError: if an input is missing or outside its limit.
     """
-    signals = [int(x) for x in inputs]
+    try:
+        signals = [index(x) for x in inputs]
+    except TypeError:
+        raise BitneatError("step: expected integers, as Encoder makes them of an observation") from None
     if len(signals) != len(controller.inputs):
         raise BitneatError(f"step: expected {len(controller.inputs)} inputs, got {len(signals)}")
-    for index, (x, entry) in enumerate(zip(signals, controller.inputs, strict=True)):
+    for place, (x, entry) in enumerate(zip(signals, controller.inputs, strict=True)):
         if abs(x) > entry.limit:
-            raise BitneatError(f"step: inputs[{index}] is {x}, outside its limit of ±{entry.limit}")
+            raise BitneatError(f"step: inputs[{place}] is {x}, outside its limit of ±{entry.limit}")
     for node in controller.nodes:
         signals.append(node_value(node, signals, previous, controller.frac_bits))
     return signals

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from bitneat.report.pooling import pooled
+
 _SWEEPS = 24
 _SETTLING = 16
 _GAPS = (0.4, 0.55, 1.0)
@@ -118,18 +120,11 @@ class _Graph:
         return heights
 
     def _spaced(self, column: Sequence[int], wanted: Sequence[float]) -> list[float]:
-        """The rising heights nearest to those wanted, by least squares, that keep the gaps (by pooling adjacent violators)."""
+        """The rising heights nearest to those wanted, by least squares, that keep the gaps."""
         offsets = [0.0]
         for low, high in pairwise(column):
             offsets.append(offsets[-1] + _GAPS[(low < self.real) + (high < self.real)])
-        pools: list[tuple[float, int]] = []  # (mean, how many)
-        for target, offset in zip(wanted, offsets, strict=False):
-            mean, count = target - offset, 1
-            while pools and pools[-1][0] > mean:
-                other, more = pools.pop()
-                mean, count = (mean * count + other * more) / (count + more), count + more
-            pools.append((mean, count))
-        levels = [mean for mean, count in pools for _ in range(count)]
+        levels = pooled([target - offset for target, offset in zip(wanted, offsets, strict=False)])
         return [level + offset for level, offset in zip(levels, offsets, strict=False)]
 
 

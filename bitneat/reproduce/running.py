@@ -208,7 +208,7 @@ def _baseline(job: Job, folder: Path, command: str) -> Result:
         packed_bytes=None,
         float_bytes=trained.float_bytes,
         policy=policy_to_data(trained.policy) if walks and small else None,
-        notes={"library_held_out": trained.library.to_data()},
+        notes={"library_held_out": trained.by_library.to_data()},
     )
 
 

@@ -87,7 +87,6 @@ class Nodes:
 
 @pytest.fixture(scope="module")
 def nodes() -> Iterator[Nodes]:
-    pytest.importorskip("ray")
     started = Nodes()
     yield started
     started.cluster.shutdown()

@@ -14,7 +14,7 @@ from bitneat.native import runtime_dir, templates_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ("bitneat", "codegen", "runtime_c", "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md")
-PAGE = ("page.css", "page.html.j2", "page.js")
+PAGE = ("page.css.j2", "page.html.j2", "page.js")
 SHOW = (
     "import bitneat, pathlib\n"
     "from bitneat.native import runtime_dir, templates_dir\n"

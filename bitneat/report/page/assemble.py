@@ -22,7 +22,6 @@ from bitneat.controller.packing import Layout
 from bitneat.report.page.graph import layout
 from bitneat.report.page.highlight import highlighted
 from bitneat.report.page.history import LARGEST, History, history_charts, pareto_chart, score
-from bitneat.report.page.names import action_names, observation_names
 from bitneat.report.page.recording import ANGLE_STEPS, LENGTH_STEPS, RecordedEpisode
 from bitneat.report.page.tables import (
     byte_parts,
@@ -36,6 +35,7 @@ from bitneat.report.page.tables import (
 )
 from bitneat.report.page.webassembly import Module, compile_module
 from bitneat.sim.bipedal import IDS
+from bitneat.sim.names import input_names, output_names
 from bitneat.verify.size import SizeReport
 from bitneat.verify.wasm import I32_ADD, read_wasm
 from bitneat.version import __version__
@@ -81,9 +81,9 @@ def build_page(sources: Sources) -> Page:
     controller = champion.controller.canonical
     code = page_code(champion)
     step, run = compile_module(code, "step"), compile_module(page_code(champion, "table"), "run")
-    inputs = observation_names(sources.environment.id, len(controller.inputs))
-    outputs = action_names(sources.environment.id, len(controller.outputs))
-    script, style = (ASSETS / "page.js").read_text("utf-8"), (ASSETS / "page.css").read_text("utf-8")
+    inputs = input_names(sources.environment, len(controller.inputs))
+    outputs = output_names(sources.environment, len(controller.outputs))
+    script, style = (ASSETS / "page.js").read_text("utf-8"), _templates().get_template("page.css.j2").render()
     code_sha256 = hashlib.sha256(code.source.encode()).hexdigest()
     html = (
         _templates()

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from bitneat.controller import Controller, Node, Signal
+from bitneat.report.pooling import pooled
 
 INPUT_WIDTH = 184
 ROW = 23.0
@@ -216,9 +217,7 @@ def _place(columns: list[list[_Vertex]]) -> float:
 
 
 def spread(wanted: Sequence[float], sizes: Sequence[float], low: float, high: float) -> list[float]:
-    """The middles of boxes in this order that do not overlap, as near to the wanted ones as can be.
-
-    The least squares solution, by pooling adjacent violators: boxes that want to overlap move together about their mean.
+    """The middles of boxes in this order that do not overlap, as near to the wanted ones as can be by least squares.
 
     Args:
         wanted: the middles, ascending.
@@ -227,14 +226,7 @@ def spread(wanted: Sequence[float], sizes: Sequence[float], low: float, high: fl
         high: where the last must end; there is room for all.
     """
     before = [sum(sizes[:i]) + size / 2 for i, size in enumerate(sizes)]
-    blocks: list[tuple[float, int]] = []
-    for want, offset in zip(wanted, before, strict=True):
-        total, count = want - offset, 1
-        while blocks and blocks[-1][0] / blocks[-1][1] >= total / count:
-            earlier, members = blocks.pop()
-            total, count = total + earlier, count + members
-        blocks.append((total, count))
-    starts = [total / count for total, count in blocks for _ in range(count)]
+    starts = pooled([want - offset for want, offset in zip(wanted, before, strict=True)])
     limit = high - sum(sizes)
     return [min(max(start, low), max(limit, low)) + offset for start, offset in zip(starts, before, strict=True)]
 
