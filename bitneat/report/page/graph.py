@@ -14,7 +14,10 @@ from dataclasses import dataclass, field
 from bitneat.controller import Controller, Node, Signal
 from bitneat.report.pooling import pooled
 
-INPUT_WIDTH = 184
+INPUT_WIDTH = 184.0
+"""Of an input at least: what it is called in formulas, its name and its value."""
+LETTER = 6.2
+"""Width of a name's letter, about."""
 ROW = 23.0
 """Height of an input's row, and of a node where there are many."""
 WIDE_ROW = 27.0
@@ -107,12 +110,14 @@ def layout(controller: Controller, input_names: Sequence[str], output_names: Seq
     pin_width = 68.0 + 6.6 * max(len(name) for name in output_names)
     first_gap = 130.0 if crowded else gap
     node_width = 80.0 if crowded else 104.0
-    lefts = [0.0, *(INPUT_WIDTH + first_gap + column * (node_width + gap) for column in range(num_layers + 1))]
+    longest = max([len(input_names[s]) for s in layers if s < num_inputs] or [0])
+    input_width = max(INPUT_WIDTH, 94.0 + LETTER * longest)
+    lefts = [0.0, *(input_width + first_gap + column * (node_width + gap) for column in range(num_layers + 1))]
     place = {vertex.key: vertex for column in columns for vertex in column}
 
     def box(key: str, signal: int | None, label: str, detail: str) -> Box:
         vertex = place[key]
-        width = {"x": INPUT_WIDTH, "n": node_width, "y": pin_width}[key[0]]
+        width = {"x": input_width, "n": node_width, "y": pin_width}[key[0]]
         return Box(key, signal, lefts[vertex.layer], round(vertex.y, 1), width, vertex.height, label, detail)
 
     boxes = {

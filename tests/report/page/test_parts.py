@@ -142,6 +142,20 @@ def test_the_drawing_has_each_link_once_and_no_box_on_another(seed: int) -> None
     assert set(graph.unread) == {name for i, name in enumerate(names) if f"x{i}" not in by_key}
 
 
+def test_an_input_is_as_wide_as_its_name_needs() -> None:
+    controller = load(TINY).controller.canonical
+    names = [f"input {i}" for i in range(24)]
+    pins = ["a", "b", "c", "d"]
+    usual = layout(controller, names, pins)
+    unread = [*names[:1], "the first unread one, of many letters", *names[2:]]
+    assert layout(controller, unread, pins).inputs == usual.inputs
+    wide = layout(controller, ["right leg contact, and more", *names[1:]], pins)
+    grown = wide.inputs[0].width - usual.inputs[0].width
+    assert grown > 60
+    assert wide.width == usual.width + grown
+    assert {box.x - grown for box in wide.nodes} == {box.x for box in usual.nodes}
+
+
 def test_a_controller_of_constants_is_drawn_too() -> None:
     graph = layout(Controller(load(TINY).controller.inputs, (), (Constant(3), Signal(2))), ["x"] * 24, ["a", "b"])
     assert [box.signal for box in graph.outputs] == [None, 2]
