@@ -147,6 +147,18 @@ def test_a_configuration_that_a_run_cannot_go_on_under_changes_nothing(
     assert main(["evolve", "--resume", "run", "--generations", "3", "--workers", "1"]) == 0
 
 
+def test_a_run_whose_checkpoint_is_damaged_keeps_its_configuration(
+    tiny: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "2", "-o", "run"]) == 0
+    (checkpoint,) = Path("run/checkpoints").glob("generation-000002.json")
+    checkpoint.write_text(checkpoint.read_text().replace('"next_species":', '"nothing":'))
+    before = {name: Path("run", name).read_bytes() for name in ("config.ini", "run.json")}
+    assert main(["evolve", "--resume", "run", "--generations", "9"]) == 2
+    assert f"{checkpoint}: damaged" in capsys.readouterr().err
+    assert {name: Path("run", name).read_bytes() for name in before} == before
+
+
 def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
     tiny: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
