@@ -16,7 +16,7 @@ from bitneat.errors import BitneatError
 if TYPE_CHECKING:
     from bitneat.champion import AnyChampion
     from bitneat.network import Policy
-    from bitneat.report.recording import Episode, Moment
+    from bitneat.report.pictures import Episode, Moment
 
 HELP = "record an episode as .gif, .mp4 or a strip of pictures (needs bitneat[render])"
 DESCRIPTION = """\
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the episode, and write its pictures."""
     from bitneat.champion import load_any
     from bitneat.files import write_atomic, write_json
-    from bitneat.report import film, recording
+    from bitneat.report import film, pictures
     from bitneat.sim.environment import allow_imports
 
     kind = _kind(args)
@@ -93,10 +93,10 @@ def run(args: argparse.Namespace) -> int:
     allow_imports(args.imports or ())
     champion = load_any(args.champion)
     episode = _episode(args, champion)
-    speed = recording.steps_per_second(episode.spec)
+    speed = pictures.steps_per_second(episode.spec)
     width = args.width or _WIDTHS[kind]
     if kind == "png":
-        taken = recording.spread(episode, args.frames or _FRAMES)
+        taken = pictures.spread(episode, args.frames or _FRAMES)
         last, every, fps = taken[-1], None, None
         content = film.strip(taken, width, f"{episode.spec.id}, seed {episode.seed}")
         count = len(taken)
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         fps = args.fps or speed / every
         frames = []
         with _shown() as show:
-            for last in recording.moments(episode, lambda step: step % every == 0):
+            for last in pictures.moments(episode, lambda step: step % every == 0):
                 if last.image is not None:
                     frames.append(film.frame(last, width, _generation(champion)))
                 show(last)
@@ -148,7 +148,7 @@ def _kind(args: argparse.Namespace) -> str:
 
 def _episode(args: argparse.Namespace, champion: AnyChampion) -> Episode:
     from bitneat.champion import Champion, EnvironmentSpec
-    from bitneat.report.recording import Episode
+    from bitneat.report.pictures import Episode
     from bitneat.sim.environment import inspect
 
     spec = EnvironmentSpec("BipedalWalkerHardcore-v3") if args.hardcore else champion.environment

@@ -20,7 +20,7 @@ from bitneat.errors import BitneatError, MissingExtraError
 if TYPE_CHECKING:
     from PIL.Image import Image as Picture
 
-    from bitneat.report.recording import Moment
+    from bitneat.report.pictures import Moment
 
 _PALETTE = 48
 """Colours of a GIF: flat drawings need few, and fewer pack better."""

@@ -54,7 +54,7 @@ def _write(path: Path, content: bytes) -> Path:
 def _figures(results: Results, folder: Path) -> list[Path]:
     from bitneat.report.film import strip
     from bitneat.report.paper import fitness_figure, growth_figure, steps_figure
-    from bitneat.report.recording import Episode, spread
+    from bitneat.report.pictures import Episode, spread
     from bitneat.sim.environment import inspect
 
     written = []
