@@ -48,7 +48,6 @@ class _Home:
     action: Action
     max_steps: int
     simulator: str
-    version: str
     trigonometry: str | None
     imports: tuple[str, ...]
 
@@ -110,8 +109,9 @@ class RayEvaluator:
         self._mine = not self._ray.is_initialized()
         if self._mine:
             _connect(self._ray, address, workers)
-        home = _Home(spec, action, max_steps, simulator, __version__, probe_for(spec), tuple(allowed_imports()))
-        self._home = self._ray.put(pickle.dumps(home))
+        home = _Home(spec, action, max_steps, simulator, probe_for(spec), tuple(allowed_imports()))
+        # The version stands outside: another one may not be able to read the rest.
+        self._home = self._ray.put((__version__, pickle.dumps(home)))
         self._task = self._ray.remote(num_cpus=1, max_retries=RETRIES)(_run)
 
     def evaluate(
@@ -201,13 +201,14 @@ def _knock(address: str) -> None:
         socket.create_connection((found["host"].strip("[]"), int(found["port"])), _KNOCK_SECONDS).close()
 
 
-def _run(home_data: bytes, job: bytes) -> tuple[str, Any]:
+def _run(versioned: tuple[str, bytes], job: bytes) -> tuple[str, Any]:
     """What a task does, in a worker anywhere; both arguments come from the run's own process."""
-    home: _Home = pickle.loads(home_data)
+    version, home_data = versioned
     where = f"node {platform.node()}"
     try:
-        if home.version != __version__:
-            raise BitneatError(f"{where}: has bitneat {__version__}, expected {home.version}, as where the run began")
+        if version != __version__:
+            raise BitneatError(f"{where}: has bitneat {__version__}, expected {version}, as where the run began")
+        home: _Home = pickle.loads(home_data)
         refuse_other(home.trigonometry, where)
         allow_imports(home.imports)
         controllers, seeds, shaping = pickle.loads(job)
