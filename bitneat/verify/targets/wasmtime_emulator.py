@@ -66,6 +66,9 @@ class WasmtimeMachine:
         self._image, self._traced = image, traced
         config = self._wasmtime.Config()
         config.consume_fuel = True
+        # Bounds are checked by instructions: a handler of SIGSEGV that something else in the process replaces would let a
+        # stray access kill the process.
+        config.signals_based_traps = False
         engine = self._wasmtime.Engine(config)
         self._store: Any = self._wasmtime.Store(engine)
         self._instance = self._wasmtime.Instance(self._store, self._wasmtime.Module(engine, image.content), [])
