@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
@@ -157,6 +159,29 @@ def test_what_strays_crashes_and_can_be_restarted(name: str, tmp_path: Path) -> 
         one.step(np.array([7, 0, 0], dtype=np.int16))
     one.restart()
     assert one.step(np.array([6, 0, 0], dtype=np.int16)).shape == (1,)
+
+
+def test_wasm_that_strays_needs_no_signal_handler(tmp_path: Path) -> None:
+    line = "if (observation[0] == 7) { *(volatile int *)(uintptr_t)0xf0000000U = 1; }"
+    code = with_line(written(plain_champion(), tmp_path), line)
+    program = f"""
+import signal
+from pathlib import Path
+import numpy as np
+from bitneat.verify.cfile import CFile
+from bitneat.verify.implementation import ImplementationError
+from tests.verify.targets.test_chips import emulated
+one = emulated("wasm32", CFile.read(Path({str(code.path)!r})))
+one.step(np.array([6, 0, 0], dtype=np.int16))
+signal.signal(signal.SIGSEGV, signal.SIG_DFL)
+try:
+    one.step(np.array([7, 0, 0], dtype=np.int16))
+except ImplementationError as error:
+    print(error)
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.startswith("crashed")
 
 
 @pytest.mark.parametrize("name", ["cortex-m33", "rv32ec", "avr", "i386"])
