@@ -29,14 +29,14 @@ from bitneat.verify.wasm import violations as wasm_violations
 _SELF_STARTING = re.compile(r"\.(preinit|init|fini|ctors|dtors|deplibs|linker-options)\b")
 
 # As firmware is compiled: what a hosted system's compiler adds of its own accord would be found and blamed on the code.
-OBJECT_FLAGS = (
+FREESTANDING_FLAGS = (
     "-std=c99",
-    "-Os",
     "-ffreestanding",
     "-fno-stack-protector",
     "-fno-unwind-tables",
     "-fno-asynchronous-unwind-tables",
 )
+OBJECT_FLAGS = ("-Os", *FREESTANDING_FLAGS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from bitneat.codegen import Style
 from bitneat.native.compiler import identify, zig_compiler
@@ -76,14 +77,36 @@ class Chip:
         """``name_step``, and in the table style ``name_run`` too."""
         return [self.implementation(code, toolchain, entry) for entry in entries(code)]
 
-    def implementation(self, code: CFile, toolchain: Toolchain, entry: str) -> EmulatedC:
+    def implementation(
+        self,
+        code: CFile,
+        toolchain: Toolchain,
+        entry: str,
+        *,
+        optimization: str = "-Os",
+        compiled: Path | None = None,
+    ) -> EmulatedC:
         """One entry point, linked and loaded.
+
+        Args:
+            code: the file.
+            toolchain: this chip's.
+            entry: ``step`` or ``run``.
+            optimization: of the compiler.
+            compiled: an object file to be taken for what the compiler makes of the C file.
 
         Raises:
             CompilerError: if compiler or linker refuse.
         """
-        link_flags = self.emulator.link_flags((f"{code.name}_{entry}", *driver_data(code, entry)))
-        image = build_image(code, toolchain, entry, batch=self.emulator.batch, link_flags=link_flags)
+        image = build_image(
+            code,
+            toolchain,
+            entry,
+            batch=self.emulator.batch,
+            link_flags=self.emulator.link_flags((f"{code.name}_{entry}", *driver_data(code, entry))),
+            optimization=optimization,
+            compiled=compiled,
+        )
         return EmulatedC(image, self.emulator, f"{self.name} {code.style} ({image.function})")
 
     def cycles(self, code: bytes, address: int, path: tuple[int, ...]) -> int | None:

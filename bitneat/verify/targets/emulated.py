@@ -99,6 +99,12 @@ class EmulatedC:
         outputs: Int16Array = self.run(inputs.reshape(1, -1))[0]
         return outputs
 
+    def step_from(self, state: Int16Array, inputs: Int16Array) -> Int16Array:
+        """One control step from a given content of the C's state, which is empty where it has none."""
+        if self.image.code.num_state:
+            self._machine.write("bitneat_state", state.astype(self._type).tobytes())
+        return self.step(inputs)
+
     def run(self, inputs: npt.NDArray[np.int16]) -> npt.NDArray[np.int16]:
         """Successive steps: (steps, inputs) to (steps, outputs)."""
         return self._run(self._machine, inputs)

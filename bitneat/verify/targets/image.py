@@ -14,10 +14,11 @@ from elftools.elf.elffile import ELFFile
 from elftools.elf.sections import Section, SymbolTableSection
 
 from bitneat.errors import BitneatError
+from bitneat.files import read_capped
 from bitneat.native.build import compile_object, link_program
-from bitneat.verify.cfile import CFile
+from bitneat.verify.cfile import MAX_FILE_BYTES, CFile
 from bitneat.verify.instructions import InstructionSet
-from bitneat.verify.machine import OBJECT_FLAGS, Toolchain
+from bitneat.verify.machine import FREESTANDING_FLAGS, OBJECT_FLAGS, Toolchain
 from bitneat.verify.targets.tracing import SOURCES, Trace
 
 
@@ -104,7 +105,16 @@ def driver_data(code: CFile, entry: str) -> tuple[str, ...]:
     return ("bitneat_inputs", "bitneat_outputs", "bitneat_count", *own, *state, *choices)
 
 
-def build_image(code: CFile, toolchain: Toolchain, entry: str, *, batch: int, link_flags: Sequence[str]) -> Image:
+def build_image(
+    code: CFile,
+    toolchain: Toolchain,
+    entry: str,
+    *,
+    batch: int,
+    link_flags: Sequence[str],
+    optimization: str = "-Os",
+    compiled: Path | None = None,
+) -> Image:
     """Compile a C file with the flags under which it is examined, and link it with the driver.
 
     Args:
@@ -113,6 +123,8 @@ def build_image(code: CFile, toolchain: Toolchain, entry: str, *, batch: int, li
         entry: ``step`` or ``run``.
         batch: how many steps the driver's arrays hold.
         link_flags: of the linker, called through the compiler.
+        optimization: of the compiler, for the file; the driver is always compiled alike.
+        compiled: an object file to be taken for what the compiler makes of the C file.
 
     Raises:
         CompilerError: if compiler or linker refuse.
@@ -121,7 +133,11 @@ def build_image(code: CFile, toolchain: Toolchain, entry: str, *, batch: int, li
     with tempfile.TemporaryDirectory(prefix="bitneat-") as name:
         folder = Path(name)
         controller, driver, linked = folder / "controller.o", folder / "driver.o", folder / "image"
-        compile_object(code.path, toolchain.compiler, flags, controller)
+        if compiled is None:
+            wanted = [*toolchain.flags, optimization, *FREESTANDING_FLAGS]
+            compile_object(code.path, toolchain.compiler, wanted, controller)
+        else:
+            controller.write_bytes(read_capped(compiled, MAX_FILE_BYTES))
         compile_object(SOURCES / "driver.c", toolchain.compiler, [*flags, *_macros(code, entry, batch)], driver)
         # zig's linker leaves out the symbols unless debugging was asked for.
         debug = ["-g"] if toolchain.compiler.family == "zig" else []

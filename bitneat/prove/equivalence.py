@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: MIT
+"""Shows that terms of machine code equal terms of the reference, from cut to cut.
+
+A compiler computes most values of the reference somewhere on its way, perhaps negated or moved by a constant. Where a term's
+values on samples say that it may be one of them, that is proved, and from there on the term *is* the cut's atom. Sums meet in
+their normal form without any proof. Everything else is a function of one sum, small enough to be tried at every value that the
+sum can have, or a question for a solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import gcd
+
+import numpy as np
+import numpy.typing as npt
+
+from bitneat.prove.queries import differ
+from bitneat.prove.semantics import Cut, IntArray, Model
+from bitneat.prove.terms import Atom, Op, Term, Terms, cone, rebuild, signed_values, values_of
+
+EXHAUSTIVE = 1 << 18
+"""Up to so many values of a sum are all tried; for more, a solver is asked first."""
+_LAST_RESORT = 1 << 26
+_CHUNK = 1 << 20
+_SECONDS_EACH = 20.0
+_SECONDS_GUESS = 2.0
+_SECONDS_WHOLE = 30.0
+_WIDTHS = (16, 32, 64)
+"""Bits of the numbers that a value of the reference may stand in."""
+
+
+@dataclass
+class Effort:
+    """How the steps of a proof were settled."""
+
+    exhaustive: int = 0
+    solver: int = 0
+    known: int = 0
+    """By a proof of the same function over a range that holds this one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Two terms that were not shown to be equal. ``model`` has values of the atoms for which they differ, if some are known."""
+
+    model: Mapping[Atom, int] | None
+
+
+@dataclass
+class Lemmas:
+    """Functions of one sum that were proved equal, by their text; valid anywhere, so one is kept for many proofs."""
+
+    proved: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
+
+    def covers(self, key: str, low: int, high: int) -> bool:
+        """Whether a proof over a range that holds this one is there."""
+        return any(least <= low and high <= most for least, most in self.proved.get(key, ()))
+
+    def add(self, key: str, low: int, high: int) -> None:
+        """Remember one."""
+        self.proved.setdefault(key, []).append((low, high))
+
+
+class _NotOfOneSum(Exception):  # noqa: N818 - it steers, and never leaves this module
+    pass
+
+
+Direction = tuple[tuple[Atom, int], ...]
+"""A sum of atoms without its constant, divided by its coefficients' common divisor."""
+
+
+class Equivalence:
+    """One side's terms against a model.
+
+    Args:
+        terms: where terms are made.
+        model: the reference.
+        samples: values of all atoms of both sides, one for each sample.
+        lemmas: proofs to use and to add to.
+        paranoid: settle each step in every way there is, and by two solvers.
+    """
+
+    def __init__(
+        self, terms: Terms, model: Model, samples: Mapping[Atom, IntArray], lemmas: Lemmas, *, paranoid: bool = False
+    ) -> None:
+        self._terms, self._model, self._samples, self._lemmas = terms, model, samples, lemmas
+        self._paranoid = paranoid
+        self.effort = Effort()
+        self._by_shape: dict[bytes, list[tuple[Cut, int, int]]] = {}
+        self._cut_of = {cut.value.atom: cut for cut in model.cuts}
+        known = [*model.cuts, *model.sums]
+        count = len(next(iter(samples.values())))
+        for cut, values in zip(known, values_of([cut.value for cut in known], samples), strict=True):
+            places = np.broadcast_to(signed_values(values, cut.value.width), (count,))
+            shape, sign = _shape(places)
+            if shape is not None:
+                self._by_shape.setdefault(shape, []).append((cut, sign, int(places[0])))
+        self._abstract: dict[int, Term] = {}
+        self._sums: dict[tuple[int, int], Atom] = {}
+
+    # Cuts --------------------------------------------------------------------------------------------------------------
+
+    def abstracted(self, roots: Sequence[Term]) -> list[Term]:
+        """The terms, with the atom of a cut wherever a part was proved to be that cut."""
+        order = [term for term in cone(roots) if term.number not in self._abstract]
+        values = _all_values(order, self._samples)
+        for term in order:
+            new = rebuild(self._terms, term, [self._abstract[arg.number] for arg in term.args])
+            if term.width in _WIDTHS and not _is_sum_of_atoms(new):
+                new = self._as_cut(new, signed_values(values[term.number], term.width))
+            self._abstract[term.number] = new
+        return [self._abstract[root.number] for root in roots]
+
+    def _as_cut(self, term: Term, values: IntArray) -> Term:
+        shape, sign = _shape(np.broadcast_to(values, next(iter(self._samples.values())).shape))
+        if shape is None:
+            return term
+        for cut, cut_sign, cut_first in self._by_shape.get(shape, ()):
+            factor = sign * cut_sign
+            offset = int(np.ravel(values)[0]) - factor * cut_first
+            if self._is_cut(term, cut, factor, offset):
+                return self._moved(cut.value, term.width, factor, offset)
+        return term
+
+    def _is_cut(self, term: Term, cut: Cut, factor: int, offset: int) -> bool:
+        """Whether the term is the cut's value times ``factor`` (1 or -1) plus ``offset``, for all values of its atoms."""
+        chain = self._chain(cut)
+        for depth in range(len(chain)):
+            base = chain[depth]
+            above = {one.value.atom: one.definition for one in chain[: depth + 1] if one.value.atom is not None}
+            inner = {one.value.atom: one.definition for one in chain[1 : depth + 1]}
+            direction = _direction(base.argument)
+            if direction is None:
+                continue
+            try:
+                reduced = self._over(self._substituted(term, above), direction)
+                wanted = self._over(self._substituted(cut.definition, inner), direction)
+            except _NotOfOneSum:
+                continue
+            goal = self._moved(wanted, term.width, factor, offset)
+            if self._same_function(reduced, goal, chain[: depth + 1], direction, (factor, offset)):
+                return True
+        goal = self._moved(cut.definition, term.width, factor, offset)
+        return self._asked(term, goal, _SECONDS_GUESS)
+
+    def _asked(self, left: Term, right: Term, seconds: float) -> bool:
+        if left is right:
+            return True
+        if any(term.width > 64 for term in cone([left, right])):
+            return False
+        if differ(left, right, seconds=seconds, paranoid=self._paranoid).outcome != "equal":
+            return False
+        self.effort.solver += 1
+        return True
+
+    def _chain(self, cut: Cut) -> list[Cut]:
+        """The cut, then the one that it is made from alone, and so on."""
+        chain = [cut]
+        while True:
+            _, parts = self._terms.linear_parts(chain[-1].argument)
+            atoms = [part.atom for part in parts]
+            if len(atoms) != 1 or atoms[0] not in self._cut_of:
+                return chain
+            chain.append(self._cut_of[atoms[0]])
+
+    def _moved(self, term: Term, width: int, factor: int, offset: int) -> Term:
+        resized = self._resized(term, width)
+        return self._terms.add(self._terms.times(resized, factor), self._terms.const(width, offset))
+
+    def _resized(self, term: Term, width: int) -> Term:
+        if width <= term.width:
+            return self._terms.extract(term, 0, width)
+        return self._terms.sext(term, width)
+
+    def _substituted(self, term: Term, values: Mapping[Atom | None, Term]) -> Term:
+        """The term with other terms for some of its atoms."""
+        if not values:
+            return term
+        done: dict[int, Term] = {}
+        for one in cone([term]):
+            if one.atom is not None and one.atom in values:
+                # What stands for an atom may itself hold one that is to be replaced.
+                inner = self._substituted(values[one.atom], {a: t for a, t in values.items() if a is not one.atom})
+                done[one.number] = self._resized(inner, one.width)
+            else:
+                done[one.number] = rebuild(self._terms, one, [done[arg.number] for arg in one.args])
+        return done[term.number]
+
+    # Functions of one sum ----------------------------------------------------------------------------------------------
+
+    def _over(self, term: Term, direction: Direction) -> Term:
+        """The term as one in a single atom that stands for a sum."""
+        terms, low, high = self._terms, *_range(direction)
+        total = self._sums.setdefault((low, high), Atom("sum", low, high))
+        first, unit = direction[0]
+        coefficients = dict(direction)
+        done: dict[int, Term] = {}
+        for one in cone([term]):
+            if one.op not in (Op.VAR, Op.LIN):
+                done[one.number] = rebuild(terms, one, [done[arg.number] for arg in one.args])
+                continue
+            constant, parts = terms.linear_parts(one)
+            found = {part.atom: c for part, c in parts.items() if part.atom is not None}
+            result = [terms.const(one.width, constant)]
+            if one.op is Op.VAR and found.keys() != coefficients.keys():
+                done[one.number] = one  # a part of a sum, which is looked at as a whole; alone, it is refused below
+                continue
+            if found:
+                factor, rest = divmod(found.get(first, 0), unit)
+                if rest or found != {atom: factor * c for atom, c in coefficients.items()}:
+                    raise _NotOfOneSum
+                result.append(terms.times(terms.var(total, one.width), factor))
+            result += [terms.times(done[part.number], c) for part, c in parts.items() if part.atom is None]
+            done[one.number] = terms.add(*result)
+        result_term = done[term.number]
+        if any(one.atom not in (None, total) for one in cone([result_term])):
+            raise _NotOfOneSum
+        return result_term
+
+    def _same_function(
+        self, left: Term, right: Term, chain: Sequence[Cut], direction: Direction, moved: tuple[int, int]
+    ) -> bool:
+        """Whether two terms in one sum agree wherever the sum can be; ``chain`` says what the right one is."""
+        if left is right:
+            return True
+        low, high = _range(direction)
+        key = f"{_text(left)} | {_text(right)}"
+        if self._lemmas.covers(key, low, high):
+            self.effort.known += 1
+            return True
+        total = self._sums[low, high]
+        few = high - low < EXHAUSTIVE
+        if not few or self._paranoid:
+            answer = differ(left, right, seconds=_SECONDS_EACH, paranoid=self._paranoid).outcome
+            if answer == "differ":
+                return False
+            if answer == "equal":
+                self.effort.solver += 1
+                if not self._paranoid or high - low >= _LAST_RESORT:
+                    self._lemmas.add(key, low, high)
+                    return True
+        if high - low >= _LAST_RESORT or not self._everywhere(left, chain, direction, total, moved):
+            return False
+        self.effort.exhaustive += 1
+        self._lemmas.add(key, low, high)
+        return True
+
+    def _everywhere(
+        self, left: Term, chain: Sequence[Cut], direction: Direction, total: Atom, moved: tuple[int, int]
+    ) -> bool:
+        """Try every value of the sum, against the semantics' own functions."""
+        factor, offset = moved
+        mask = np.uint64((1 << left.width) - 1)
+        for begin in range(total.low, total.high + 1, _CHUNK):
+            sums = np.arange(begin, min(begin + _CHUNK, total.high + 1), dtype=np.int64)
+            argument = self._argument(chain[-1], direction, sums)
+            for cut, after in zip(reversed(chain), [*reversed(chain[:-1]), None], strict=True):
+                value = cut.function(argument)
+                if after is not None:
+                    constant, parts = self._terms.linear_parts(after.argument)
+                    argument = value * next(iter(parts.values())) + constant
+            wanted = (value * factor + offset).astype(np.uint64) & mask
+            if not np.array_equal(np.broadcast_to(values_of([left], {total: sums})[0], sums.shape), wanted):
+                return False
+        return True
+
+    def _argument(self, cut: Cut, direction: Direction, sums: IntArray) -> IntArray:
+        constant, parts = self._terms.linear_parts(cut.argument)
+        first, unit = direction[0]
+        factor = next(c for part, c in parts.items() if part.atom is first) // unit
+        return sums * factor + constant
+
+    # Whole terms -------------------------------------------------------------------------------------------------------
+
+    def difference(self, term: Term, expected: Term) -> Difference | None:
+        """Whether a term equals the reference's for all values of the atoms; None if it does.
+
+        Args:
+            term: as executed.
+            expected: of the model, of `WORD` bits; the term is compared with its lowest.
+        """
+        terms = self._terms
+        (reduced,) = self.abstracted([term])
+        wanted = terms.extract(expected, 0, term.width)
+        if reduced is wanted:
+            return None
+        if self._asked(reduced, wanted, _SECONDS_GUESS):
+            return None
+        # Down to inputs and states, where a difference is a real one.
+        all_cuts: dict[Atom | None, Term] = {}
+        for cut in self._model.cuts:
+            all_cuts[cut.value.atom] = self._substituted(cut.definition, all_cuts)
+        answer = differ(
+            self._substituted(reduced, all_cuts),
+            self._substituted(wanted, all_cuts),
+            seconds=_SECONDS_WHOLE,
+            paranoid=self._paranoid,
+        )
+        if answer.outcome == "equal":
+            self.effort.solver += 1
+            return None
+        return Difference(answer.model)
+
+
+def _shape(values: npt.NDArray[np.int64]) -> tuple[bytes | None, int]:
+    """What stays of values when a constant is added or all are negated, and by which sign; None if they are all the same."""
+    moved = values - values[0]
+    nonzero = np.flatnonzero(moved)
+    if not len(nonzero):
+        return None, 1
+    sign = 1 if moved[nonzero[0]] > 0 else -1
+    return (moved * sign).tobytes(), sign
+
+
+def _all_values(order: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[int, npt.NDArray[np.uint64]]:
+    wanted = [term for term in order if term.width <= 64]
+    return dict(zip((term.number for term in wanted), values_of(wanted, samples), strict=True))
+
+
+def _is_sum_of_atoms(term: Term) -> bool:
+    return term.op in (Op.CONST, Op.VAR) or (term.op is Op.LIN and all(part.op is Op.VAR for part in term.args))
+
+
+def _direction(argument: Term) -> Direction | None:
+    if not _is_sum_of_atoms(argument) or argument.is_const:
+        return None
+    pairs = [(argument, 1)] if argument.op is Op.VAR else list(zip(argument.args, argument.params[1:], strict=True))
+    divisor = gcd(*(c for _, c in pairs))
+    if pairs[0][1] < 0:
+        divisor = -divisor
+    return tuple((part.atom, c // divisor) for part, c in pairs if part.atom is not None)
+
+
+def _range(direction: Direction) -> tuple[int, int]:
+    low = sum(min(c * atom.low, c * atom.high) for atom, c in direction)
+    high = sum(max(c * atom.low, c * atom.high) for atom, c in direction)
+    return low, high
+
+
+def _text(term: Term) -> str:
+    """A term in one atom as text, the same in every `Terms`."""
+    names: dict[int, int] = {}
+    pieces = []
+    for one in cone([term]):
+        names[one.number] = len(names)
+        arguments = ",".join(str(names[arg.number]) for arg in one.args)
+        pieces.append(f"{one.op.value}{one.width}({arguments}){','.join(map(str, one.params))}")
+    return ";".join(pieces)
+
+

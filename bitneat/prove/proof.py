@@ -1,0 +1,463 @@
+# SPDX-License-Identifier: MIT
+"""The proof of one function of one binary: executed on terms, compared with the emulator on samples, then for all inputs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from bitneat.controller import Controller, Reference
+from bitneat.controller.reference import evaluate_signals, outputs_of
+from bitneat.prove.equivalence import Effort, Equivalence, Lemmas
+from bitneat.prove.execute import Finished, Machine, Processor, Program
+from bitneat.prove.flags import UnsupportedError
+from bitneat.prove.memory import Region, Violation
+from bitneat.prove.queries import SolverDisagreementError, differ
+from bitneat.prove.semantics import WORD, IntArray, Model, build, random_previous
+from bitneat.prove.terms import Atom, Term, Terms, cone, rebuild, signed_values, values_of
+from bitneat.verify.implementation import ImplementationError
+from bitneat.verify.targets.emulated import EmulatedC
+from bitneat.verify.targets.image import Image
+from bitneat.verify.vectors import random_vectors
+
+Verdict = Literal["proved", "refuted", "not proved"]
+
+_SAMPLES = 256
+_LANES = 32
+_STEPS = 12
+_TRIES = 512
+_SEED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Counterexample:
+    """Steps of which the last one comes out wrong in the emulated binary."""
+
+    sequence: tuple[tuple[int, ...], ...]
+    """Inputs of successive steps."""
+    state: tuple[int, ...] | None
+    """What the C's state is set to before the first of them; None where they start from a reset, or there is no state."""
+    expected: tuple[int, ...]
+    found: tuple[int, ...] | None
+    """None if it crashed or did not come back."""
+
+    def to_data(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "sequence": [list(inputs) for inputs in self.sequence],
+            "state": None if self.state is None else list(self.state),
+            "expected": list(self.expected),
+            "found": None if self.found is None else list(self.found),
+        }
+
+
+@dataclass
+class FunctionProof:
+    """What was found out about one function."""
+
+    function: str
+    verdict: Verdict = "not proved"
+    reason: str = ""
+    counterexample: Counterexample | None = None
+    instructions: int = 0
+    stack_bytes: int = 0
+    effort: Effort = field(default_factory=Effort)
+    seconds: float = 0.0
+    meaning: Sequence[int | None] = ()
+    """Which signal each place of the C's state keeps; None of one that keeps none."""
+
+    def to_data(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "function": self.function,
+            "verdict": self.verdict,
+            "reason": self.reason or None,
+            "counterexample": None if self.counterexample is None else self.counterexample.to_data(),
+            "instructions": self.instructions,
+            "stack_bytes": self.stack_bytes,
+            "lemmas": {
+                "exhaustive": self.effort.exhaustive,
+                "solver": self.effort.solver,
+                "known": self.effort.known,
+            },
+            "seconds": round(self.seconds, 2),
+        }
+
+
+class _NotProved(Exception):  # noqa: N818 - one of the two ways that a proof ends
+    """Carries the reason, and where there is one inputs and state to try."""
+
+    def __init__(self, reason: str, attempt: tuple[Sequence[int], Sequence[int]] | None = None) -> None:
+        super().__init__(reason)
+        self.attempt = attempt
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A binary and what it should compute."""
+
+    controller: Controller
+    emulated: EmulatedC
+    processor: Processor
+    lemmas: Lemmas
+    start: int = 0
+    """What is added to the index of the largest output, where the C chooses among actions."""
+    paranoid: bool = False
+
+    @property
+    def image(self) -> Image:
+        """The linked program."""
+        return self.emulated.image
+
+
+def prove_function(subject: Subject, function: str) -> FunctionProof:
+    """Prove one function of a binary.
+
+    Args:
+        subject: the binary.
+        function: ``step``, ``run``, ``reset`` or ``decide``.
+    """
+    proof = FunctionProof(f"{subject.image.code.name}_{function}")
+    begin = time.perf_counter()
+    attempt: tuple[Sequence[int], Sequence[int]] | None = None
+    try:
+        _PROVERS[function](subject, proof)
+        proof.verdict = "proved"
+    except (Violation, UnsupportedError, SolverDisagreementError) as found:
+        proof.reason = str(found)
+    except _NotProved as found:
+        proof.reason, attempt = str(found), found.attempt
+    if proof.verdict != "proved" and function in ("step", "run"):
+        proof.counterexample = _search(subject, proof.meaning, attempt)
+        if proof.counterexample is not None:
+            proof.verdict = "refuted"
+    proof.seconds = time.perf_counter() - begin
+    return proof
+
+
+def _program(image: Image) -> Program:
+    functions = {name: at for name, at in image.symbols.items() if name.startswith(f"{image.code.name}_")}
+    return Program(image.code_range, image.controller, functions)
+
+
+# A step --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Executed:
+    """A step as terms: of the inputs and of what the state held."""
+
+    finished: Finished
+    outputs: list[Term]
+    state: list[Term]
+    """What the state holds after it."""
+    slots: list[Atom]
+    """What it held before."""
+
+
+def _execute(subject: Subject, terms: Terms, model: Model) -> _Executed:
+    image = subject.image
+    code, symbols = image.code, image.symbols
+    run = image.entry == "run"
+    regions: list[Region] = []
+    arguments: list[int] = []
+
+    def region(symbol: str, name: str, count: int, *, writable: bool, given: bool) -> range:
+        place = range(symbols[symbol], symbols[symbol] + 2 * count)
+        regions.append(Region(name, place, writable=writable, given=given))
+        arguments.append(place.start)
+        return place
+
+    slots = [Atom(f"state[{i}]", -32768, 32767) for i in range(code.num_state or 0)]
+    state = region("bitneat_state", "its state", len(slots), writable=True, given=True) if slots else range(0)
+    if run:
+        signals = region("bitneat_signals", "its signals", code.num_signals or 0, writable=True, given=False)
+        at, to = signals.start, signals.stop - 2 * code.num_outputs
+    else:
+        observation = region("bitneat_observation", "the observation", code.num_inputs, writable=False, given=True)
+        action = region("bitneat_action", "the action", code.num_outputs, writable=True, given=False)
+        at, to = observation.start, action.start
+    machine = Machine(terms, subject.processor, _program(image), regions)
+    for i, atom in enumerate(model.inputs):
+        machine.memory.provide(at + 2 * i, terms.var(atom, 16))
+    for i, atom in enumerate(slots):
+        machine.memory.provide(state.start + 2 * i, terms.var(atom, 16))
+    finished = machine.call(image.function, arguments)
+    return _Executed(
+        finished,
+        [finished.memory.result(to + 2 * i, 2, f"output {i}") for i in range(code.num_outputs)],
+        [finished.memory.result(state.start + 2 * i, 2, f"state {i}") for i in range(len(slots))],
+        slots,
+    )
+
+
+def _prove_step(subject: Subject, proof: FunctionProof) -> None:
+    code = subject.image.code
+    if (code.num_inputs, code.num_outputs) != (len(subject.controller.inputs), len(subject.controller.outputs)):
+        raise _NotProved("it has another number of inputs or outputs than the controller")
+    terms = Terms()
+    model = build(terms, subject.controller, guard=code.guard)
+    executed = _execute(subject, terms, model)
+    proof.instructions, proof.stack_bytes = executed.finished.instructions, executed.finished.stack_bytes
+    generator = np.random.default_rng(_SEED)
+    unknown = _unknown_atoms([*executed.outputs, *executed.state])
+    meaning = proof.meaning = _simulate(subject, model, executed, generator, unknown)
+    executed = _with_meaning(terms, model, executed, meaning)
+
+    count = _SAMPLES
+    inputs = _inputs(subject, count, seed=_SEED + 1)
+    samples = model.samples(inputs, random_previous(model, generator, count))
+    _check_reference(model, samples)
+    free = [atom for atom, signal in zip(executed.slots, meaning, strict=True) if signal is None]
+    samples |= {atom: generator.integers(atom.low, atom.high, count, endpoint=True) for atom in (*unknown, *free)}
+    equivalence = Equivalence(terms, model, samples, subject.lemmas, paranoid=subject.paranoid)
+    proof.effort = equivalence.effort
+    claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
+    claims += [
+        (f"state {i}", term, model.signals[signal])
+        for i, (term, signal) in enumerate(zip(executed.state, meaning, strict=True))
+        if signal is not None
+    ]
+    equivalence.abstracted([term for _, term, _ in claims])
+    for what, term, expected in claims:
+        difference = equivalence.difference(term, expected)
+        if difference is not None:
+            raise _not_equal(what, model, difference.model)
+
+
+def _not_equal(what: str, model: Model, found: Mapping[Atom, int] | None) -> _NotProved:
+    if found is None:
+        return _NotProved(f"{what}: not shown to be equal")
+    if any(atom.undefined for atom in found):
+        what += " may depend on what registers or the stack held before"
+    inputs = [found.get(atom, 0) for atom in model.inputs]
+    previous = [found.get(atom, 0) for atom in model.previous]
+    return _NotProved(f"{what}: can differ", (inputs, previous))
+
+
+def _inputs(subject: Subject, count: int, seed: int) -> IntArray:
+    """(count, inputs) of the domain, which is all of int16 where inputs are guarded."""
+    inputs = random_vectors(subject.controller, seed, count).astype(np.int64)
+    if subject.image.code.guard:
+        wide = np.random.default_rng(seed).integers(-32768, 32767, size=inputs.shape, endpoint=True)
+        inputs[::2] = wide[::2]
+    return inputs
+
+
+def _check_reference(model: Model, samples: Mapping[Atom, IntArray]) -> None:
+    """The model is the reference: where it was evaluated, at the least."""
+    controller = model.controller
+    values = [
+        np.broadcast_to(signed_values(one, WORD), (_SAMPLES,)) for one in values_of(model.signals, samples)
+    ]
+    before = np.stack([samples[atom] for atom in model.previous], axis=1)
+    inputs = np.stack(values[: len(controller.inputs)], axis=1)
+    for row in range(0, _SAMPLES, 8):
+        expected = evaluate_signals(controller, inputs[row].tolist(), before[row].tolist())
+        if [int(value[row]) for value in values] != expected:
+            raise AssertionError("the terms of the controller do not give the reference's values")
+
+
+def _unknown_atoms(roots: Sequence[Term]) -> list[Atom]:
+    return list(dict.fromkeys(one.atom for one in cone(roots) if one.atom is not None and one.atom.undefined))
+
+
+def _simulate(
+    subject: Subject, model: Model, executed: _Executed, generator: np.random.Generator, unknown: Sequence[Atom]
+) -> list[int | None]:
+    """Take steps from reset in terms, in the reference and in the emulator; which signal each place of the state keeps.
+
+    Raises:
+        _NotProved: with the inputs, if they do not agree.
+    """
+    controller = subject.controller
+    steps, lanes = (_STEPS, _LANES) if executed.slots else (1, _SAMPLES)
+    inputs = _inputs(subject, steps * lanes, seed=_SEED).reshape(steps, lanes, -1)
+    state = np.zeros((lanes, len(executed.slots)), dtype=np.int64)
+    references = [Reference(controller) for _ in range(lanes)]
+    found = np.zeros((steps, lanes, len(executed.outputs)), dtype=np.int64)
+    kept, signals = [], []
+    for step in range(steps):
+        values = dict(zip(model.inputs, inputs[step].T, strict=True)) | dict(zip(executed.slots, state.T, strict=True))
+        values |= {atom: generator.integers(atom.low, atom.high, lanes, endpoint=True) for atom in unknown}
+        results = [
+            np.broadcast_to(signed_values(one, 16), (lanes,))
+            for one in values_of([*executed.outputs, *executed.state], values)
+        ]
+        found[step] = np.stack(results[: len(executed.outputs)], axis=1)
+        if executed.slots:
+            state = np.stack(results[len(executed.outputs) :], axis=1)
+        limits = np.array([entry.limit for entry in controller.inputs])
+        clipped = np.clip(inputs[step], -limits, limits)
+        for lane, reference in enumerate(references):
+            if found[step, lane].tolist() != reference.step(clipped[lane].tolist()):
+                raise _NotProved(f"it gives other outputs in step {step + 1} from reset")
+        kept.append(state)
+        signals.append(np.array([reference.signals for reference in references], dtype=np.int64))
+    _check_emulator(subject, inputs, found)
+    return _meaning(controller, np.array(kept), np.array(signals))
+
+
+def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None:
+    """What the lifter says that instructions do, against an emulator that knows nothing of it."""
+    emulated = subject.emulated
+    lanes = inputs.shape[1]
+    for lane in range(lanes if subject.image.code.num_state else 1):
+        rows = inputs[:, lane] if subject.image.code.num_state else inputs[0]
+        emulated.reset()
+        try:
+            ran = emulated.run(rows.astype(np.int16))
+        except ImplementationError as error:
+            emulated.restart()
+            raise _NotProved(f"in the emulator it {error}") from None
+        terms = found[:, lane] if subject.image.code.num_state else found[0]
+        if not np.array_equal(ran, terms):
+            raise _NotProved("the emulator computes something else than the lifted instructions")
+
+
+def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[int | None]:
+    """For each place of the state a signal that it was seen to keep, those that are read with a delay first.
+
+    It is a guess, which the proof then has to confirm: if it holds before a step, it holds after it.
+    """
+    delayed = dict.fromkeys(link.source for node in controller.nodes for link in node.links if link.delay)
+    order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
+    return [
+        next((i for i in order if np.array_equal(kept[..., place], signals[..., i])), None)
+        for place in range(kept.shape[-1] if kept.ndim == 3 else 0)
+    ]
+
+
+def _with_meaning(terms: Terms, model: Model, executed: _Executed, meaning: Sequence[int | None]) -> _Executed:
+    values = {
+        atom: terms.var(model.previous[signal], 16)
+        for atom, signal in zip(executed.slots, meaning, strict=True)
+        if signal is not None
+    }
+    if not values:
+        return executed
+    done: dict[int, Term] = {}
+    roots = [*executed.outputs, *executed.state]
+    for one in cone(roots):
+        if one.atom in values:
+            done[one.number] = terms.var(_atom(values[one.atom]), one.width)
+        else:
+            done[one.number] = rebuild(terms, one, [done[arg.number] for arg in one.args])
+    count = len(executed.outputs)
+    replaced = [done[root.number] for root in roots]
+    return _Executed(executed.finished, replaced[:count], replaced[count:], executed.slots)
+
+
+def _atom(term: Term) -> Atom:
+    assert term.atom is not None
+    return term.atom
+
+
+# Counterexamples -----------------------------------------------------------------------------------------------------
+
+
+def _search(
+    subject: Subject, meaning: Sequence[int | None], attempt: tuple[Sequence[int], Sequence[int]] | None
+) -> Counterexample | None:
+    """Steps for which the emulated binary is wrong: what a solver suggests, else random ones."""
+    if attempt is not None:
+        inputs, previous = ([int(value) for value in part] for part in attempt)
+        found = _try(subject, meaning, inputs, previous)
+        if found is not None:
+            return found
+    steps = _STEPS if subject.image.code.num_state else 1
+    vectors = _inputs(subject, _TRIES * steps, seed=_SEED + 2).reshape(_TRIES, steps, -1)
+    for sequence in vectors:
+        found = _replayed(subject, sequence)
+        if found is not None:
+            return found
+    return None
+
+
+def _limited(controller: Controller, inputs: Sequence[int]) -> list[int]:
+    """Inputs as the controller gets them where the C is to clip them; the same where they are within their limits."""
+    return [max(-entry.limit, min(entry.limit, x)) for x, entry in zip(inputs, controller.inputs, strict=True)]
+
+
+def _try(
+    subject: Subject, meaning: Sequence[int | None], inputs: Sequence[int], previous: Sequence[int]
+) -> Counterexample | None:
+    """One step from a given state."""
+    controller = subject.controller
+    expected = tuple(outputs_of(controller, evaluate_signals(controller, _limited(controller, inputs), previous)))
+    state = [0 if signal is None else previous[signal] for signal in meaning]
+    found: tuple[int, ...] | None
+    try:
+        answer = subject.emulated.step_from(np.array(state, dtype=np.int16), np.array(inputs, dtype=np.int16))
+        found = tuple(answer.tolist())
+    except ImplementationError:
+        subject.emulated.restart()
+        found = None
+    if found == expected:
+        return None
+    return Counterexample((tuple(inputs),), tuple(state) if state else None, expected, found)
+
+
+def _replayed(subject: Subject, sequence: IntArray) -> Counterexample | None:
+    """Steps from reset."""
+    controller = subject.controller
+    expected = Reference(controller).run([_limited(controller, inputs) for inputs in sequence.tolist()])
+    try:
+        subject.emulated.reset()
+        found = subject.emulated.run(sequence.astype(np.int16)).tolist()
+    except ImplementationError:
+        subject.emulated.restart()
+        return Counterexample(_rows(sequence), None, tuple(expected[-1]), None)
+    for step, (wanted, got) in enumerate(zip(expected, found, strict=True)):
+        if wanted != got:
+            return Counterexample(_rows(sequence[: step + 1]), None, tuple(wanted), tuple(got))
+    return None
+
+
+def _rows(sequence: IntArray) -> tuple[tuple[int, ...], ...]:
+    return tuple(tuple(inputs) for inputs in sequence.tolist())
+
+
+# Reset and choice ----------------------------------------------------------------------------------------------------
+
+
+def _prove_reset(subject: Subject, proof: FunctionProof) -> None:
+    image, terms = subject.image, Terms()
+    count = image.code.num_state or 0
+    place = range(image.symbols["bitneat_state"], image.symbols["bitneat_state"] + 2 * count)
+    region = Region("its state", place, writable=True, given=False)
+    finished = Machine(terms, subject.processor, _program(image), [region]).call(proof.function, [place.start])
+    proof.instructions, proof.stack_bytes = finished.instructions, finished.stack_bytes
+    for i in range(count):
+        if finished.memory.result(place.start + 2 * i, 2, f"state {i}") is not terms.const(16, 0):
+            raise _NotProved(f"state {i} is not 0 after a reset")
+
+
+def _prove_decide(subject: Subject, proof: FunctionProof) -> None:
+    image, terms = subject.image, Terms()
+    count = image.code.num_outputs
+    place = range(image.symbols["bitneat_action"], image.symbols["bitneat_action"] + 2 * count)
+    region = Region("the action", place, writable=False, given=True)
+    machine = Machine(terms, subject.processor, _program(image), [region])
+    atoms = [Atom(f"action[{i}]", -32767, 32767) for i in range(count)]
+    for i, atom in enumerate(atoms):
+        machine.memory.provide(place.start + 2 * i, terms.var(atom, 16))
+    finished = machine.call(proof.function, [place.start])
+    proof.instructions, proof.stack_bytes = finished.instructions, finished.stack_bytes
+    best, chosen = terms.var(atoms[0], WORD), terms.const(WORD, subject.start)
+    for i, atom in enumerate(atoms[1:], start=1):
+        value = terms.var(atom, WORD)
+        larger = terms.slt(best, value)
+        best, chosen = terms.ite(larger, value, best), terms.ite(larger, terms.const(WORD, subject.start + i), chosen)
+    found = terms.extract(finished.returned, 0, WORD)
+    answer = differ(found, chosen, seconds=60, paranoid=subject.paranoid)
+    if answer.outcome != "equal":
+        raise _NotProved("the choice: not shown to be the index of the largest output, the lowest of equals")
+    proof.effort.solver += 1
+
+
+_PROVERS = {"step": _prove_step, "run": _prove_step, "reset": _prove_reset, "decide": _prove_decide}

@@ -1,0 +1,677 @@
+# SPDX-License-Identifier: MIT
+"""Bit-vector terms: what a register or a byte of memory holds, as a function of inputs and state.
+
+A term has a width in bits and denotes a number modulo 2^width. Equal terms are the same object: constructors rewrite what
+they are given into a normal form and look it up. Sums are kept as linear forms, which is what makes two ways of adding the
+same things meet; everything else stays as it was computed. Each term carries an interval, in signed reading, that holds for
+all values of its atoms; rewriting may use it, so a term equals what it was made of on the declared domain, and only there.
+
+Every rule here is part of what a proof trusts. `tests/prove/test_terms.py` evaluates terms and rewritten terms on random values.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from math import gcd
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Values = npt.NDArray[np.uint64]
+"""The value of a term at each sample, modulo 2^width; of terms of at most 64 bits."""
+
+
+class Op(Enum):
+    """What kind of term it is; arguments first, then parameters."""
+
+    CONST = "const"
+    VAR = "var"
+    """An atom's value modulo 2^width."""
+    LIN = "lin"
+    """The sum of the constant and of each argument times its coefficient."""
+    EXTRACT = "extract"
+    """Bits from ``low`` upwards; ``low`` is not 0 unless the argument is opaque to truncation."""
+    ZEXT = "zext"
+    SEXT = "sext"
+    CONCAT = "concat"
+    """The arguments side by side, the lowest bits first."""
+    AND = "and"
+    OR = "or"
+    XOR = "xor"
+    ITE = "ite"
+    EQ = "eq"
+    SLT = "slt"
+    ULT = "ult"
+    MUL = "mul"
+
+
+@dataclass(frozen=True, eq=False)
+class Atom:
+    """An unknown integer: an input, a state, a cut point, or something that nobody initialised."""
+
+    name: str
+    low: int
+    high: int
+    undefined: bool = False
+    """What stood in memory or in a register before, on which no result may depend."""
+
+
+@dataclass(eq=False, slots=True, repr=False)
+class Term:
+    """One term; made by the functions of a `Terms`, never by hand."""
+
+    op: Op
+    width: int
+    args: tuple[Term, ...]
+    params: tuple[int, ...]
+    """CONST: the value, signed. LIN: the constant, then the coefficients, all signed. EXTRACT: the lowest bit."""
+    atom: Atom | None
+    low: int
+    high: int
+    number: int
+    values: Values | None = field(default=None)
+
+    def __repr__(self) -> str:
+        return f"<{self.op.value}:{self.width} #{self.number}>"
+
+    @property
+    def is_const(self) -> bool:
+        """Whether it is a known number."""
+        return self.op is Op.CONST
+
+    @property
+    def unsigned(self) -> int:
+        """The number that a constant is, in 0..2^width-1."""
+        return self.params[0] & ((1 << self.width) - 1)
+
+
+def signed(value: int, width: int) -> int:
+    """A number modulo 2^width, in signed reading."""
+    value &= (1 << width) - 1
+    return value - (1 << width) if value >> (width - 1) else value
+
+
+def _fits(low: int, high: int, width: int) -> bool:
+    return -(1 << (width - 1)) <= low and high < 1 << (width - 1)
+
+
+class Terms:
+    """Makes terms, and keeps them unique."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[Any, ...], Term] = {}
+        self._next = 0
+
+    # Making ----------------------------------------------------------------------------------------------------------
+
+    def _make(
+        self,
+        op: Op,
+        width: int,
+        args: tuple[Term, ...] = (),
+        params: tuple[int, ...] = (),
+        atom: Atom | None = None,
+        bounds: tuple[int, int] | None = None,
+    ) -> Term:
+        key = (op, width, tuple(map(id, args)), params, id(atom))
+        found = self._known.get(key)
+        if found is None:
+            whole = (-(1 << (width - 1)), (1 << (width - 1)) - 1)
+            low, high = whole if bounds is None or not _fits(*bounds, width) else bounds
+            found = Term(op, width, args, params, atom, low, high, self._next)
+            self._next += 1
+            self._known[key] = found
+        return found
+
+    def const(self, width: int, value: int) -> Term:
+        """A known number, taken modulo 2^width."""
+        value = signed(value, width)
+        return self._make(Op.CONST, width, params=(value,), bounds=(value, value))
+
+    def var(self, atom: Atom, width: int) -> Term:
+        """An atom's value modulo 2^width."""
+        if atom.low == atom.high:
+            return self.const(width, atom.low)
+        return self._make(Op.VAR, width, atom=atom, bounds=(atom.low, atom.high))
+
+    # Sums ------------------------------------------------------------------------------------------------------------
+
+    def lin(self, width: int, constant: int, parts: Mapping[Term, int]) -> Term:
+        """``constant`` plus each part times its coefficient; parts are neither constants nor sums."""
+        total = signed(constant, width)
+        kept = [(part, signed(coefficient, width)) for part, coefficient in parts.items()]
+        kept = sorted(((part, c) for part, c in kept if c), key=lambda one: one[0].number)
+        if not kept:
+            return self.const(width, total)
+        if len(kept) == 1:
+            part, c = kept[0]
+            if (c == 1 or width == 1) and total == 0:
+                return part
+            if c == -1 and total == -1 and width > 1 and part.op is Op.SEXT and part.args[0].width == 1:
+                return self.sext(self.invert(part.args[0]), width)  # the complement of a mask is a mask
+        low, high = self._lin_bounds(total, kept)
+        return self._make(
+            Op.LIN,
+            width,
+            tuple(part for part, _ in kept),
+            (total, *(c for _, c in kept)),
+            bounds=(low, high),
+        )
+
+    @staticmethod
+    def _lin_bounds(constant: int, parts: Iterable[tuple[Term, int]]) -> tuple[int, int]:
+        low = high = constant
+        for part, c in parts:
+            low += c * (part.low if c > 0 else part.high)
+            high += c * (part.high if c > 0 else part.low)
+        return low, high
+
+    def linear_parts(self, term: Term) -> tuple[int, dict[Term, int]]:
+        """A term as constant and coefficients."""
+        if term.op is Op.CONST:
+            return term.params[0], {}
+        if term.op is Op.LIN:
+            return term.params[0], dict(zip(term.args, term.params[1:], strict=True))
+        return 0, {term: 1}
+
+    def add(self, *terms: Term) -> Term:
+        """Their sum."""
+        constant, parts = 0, dict[Term, int]()
+        for term in terms:
+            c, more = self.linear_parts(term)
+            constant += c
+            for part, coefficient in more.items():
+                parts[part] = parts.get(part, 0) + coefficient
+        return self.lin(terms[0].width, constant, parts)
+
+    def times(self, term: Term, factor: int) -> Term:
+        """A multiple of it by a known number."""
+        constant, parts = self.linear_parts(term)
+        return self.lin(term.width, constant * factor, {part: c * factor for part, c in parts.items()})
+
+    def sub(self, x: Term, y: Term) -> Term:
+        """``x - y``."""
+        return self.add(x, self.times(y, -1))
+
+    def neg(self, x: Term) -> Term:
+        """``-x``."""
+        return self.times(x, -1)
+
+    def invert(self, x: Term) -> Term:
+        """``~x``, which is ``-1 - x``."""
+        return self.sub(self.const(x.width, -1), x)
+
+    def mul(self, x: Term, y: Term) -> Term:
+        """``x * y``."""
+        if y.is_const:
+            return self.times(x, y.params[0])
+        if x.is_const:
+            return self.times(y, x.params[0])
+        return self._make(Op.MUL, x.width, self._ordered(x, y))
+
+    # Shifts and widths -----------------------------------------------------------------------------------------------
+
+    def shl(self, x: Term, k: int) -> Term:
+        """``x << k`` for a known k."""
+        return self.const(x.width, 0) if k >= x.width else self.times(x, 1 << k)
+
+    def lshr(self, x: Term, k: int) -> Term:
+        """``x >> k``, zeros from above, for a known k."""
+        if k == 0:
+            return x
+        return self.const(x.width, 0) if k >= x.width else self.zext(self.extract(x, k, x.width - k), x.width)
+
+    def ashr(self, x: Term, k: int) -> Term:
+        """``x >> k``, the sign from above, for a known k."""
+        k = min(k, x.width - 1)
+        return x if k == 0 else self.sext(self.extract(x, k, x.width - k), x.width)
+
+    def extract(self, term: Term, low: int, width: int) -> Term:
+        """``width`` bits from bit ``low`` on."""
+        if low == 0 and width == term.width:
+            return term
+        match term.op:
+            case Op.CONST:
+                return self.const(width, term.params[0] >> low)
+            case Op.CONCAT:
+                return self._extract_of_concat(term, low, width)
+            case Op.EXTRACT:
+                return self.extract(term.args[0], term.params[0] + low, width)
+            case Op.ZEXT | Op.SEXT:
+                return self._extract_of_extension(term, low, width)
+            case Op.VAR if low == 0:
+                assert term.atom is not None
+                return self.var(term.atom, width)
+            case Op.LIN:
+                narrow = self._extract_of_lin(term, low, width)
+                if narrow is not None:
+                    return narrow
+            case Op.AND:
+                return self.bit_and(*(self.extract(arg, low, width) for arg in term.args))
+            case Op.OR:
+                return self.bit_or(*(self.extract(arg, low, width) for arg in term.args))
+            case Op.XOR:
+                return self.bit_xor(*(self.extract(arg, low, width) for arg in term.args))
+            case Op.ITE:
+                condition, then, otherwise = term.args
+                return self.ite(condition, self.extract(then, low, width), self.extract(otherwise, low, width))
+            case Op.MUL if low == 0:
+                return self.mul(*(self.extract(arg, 0, width) for arg in term.args))
+            case _:
+                pass
+        if low + width == term.width and width == 1:
+            if term.low >= 0 or term.high < 0:
+                return self.const(1, -1 if term.high < 0 else 0)
+            if term.op is Op.LIN and term.params[1] < 0:  # one normal form for a sign and its complement
+                return self.invert(self.extract(self.invert(term), low, width))
+        bounds = None
+        if low + width == term.width or (term.low >= 0 and term.high >> low < 1 << (width - 1)):
+            bounds = (term.low >> low, term.high >> low)
+        return self._make(Op.EXTRACT, width, (term,), (low,), bounds=bounds)
+
+    def _extract_of_concat(self, term: Term, low: int, width: int) -> Term:
+        parts, at = [], 0
+        for part in term.args:
+            begin, end = max(low, at), min(low + width, at + part.width)
+            if begin < end:
+                parts.append(self.extract(part, begin - at, end - begin))
+            at += part.width
+        return self.concat(parts)
+
+    def _extract_of_extension(self, term: Term, low: int, width: int) -> Term:
+        inner = term.args[0]
+        if low + width <= inner.width:
+            return self.extract(inner, low, width)
+        if low < inner.width:
+            rest = self.extract(inner, low, inner.width - low)
+            return self.zext(rest, width) if term.op is Op.ZEXT else self.sext(rest, width)
+        if term.op is Op.ZEXT:
+            return self.const(width, 0)
+        return self.sext(self.extract(inner, inner.width - 1, 1), width)
+
+    def _extract_of_lin(self, term: Term, low: int, width: int) -> Term | None:
+        constant, parts = self.linear_parts(term)
+        if low == 0:
+            narrow: dict[Term, int] = {}
+            for part, c in parts.items():
+                less, more = self.linear_parts(self.extract(part, 0, width))
+                constant += c * less
+                for one, coefficient in more.items():
+                    narrow[one] = narrow.get(one, 0) + c * coefficient
+            return self.lin(width, constant, narrow)
+        unit = 1 << low
+        if constant % unit == 0 and all(c % unit == 0 for c in parts.values()):
+            # Both sides are taken modulo 2^(term.width - low), where dividing loses nothing.
+            rest = self.lin(term.width, constant // unit, {part: c // unit for part, c in parts.items()})
+            return self.extract(rest, 0, width)
+        above = {part: c for part, c in parts.items() if c % unit == 0}
+        below = {part: c for part, c in parts.items() if c % unit}
+        least, most = self._lin_bounds(constant % unit, below.items())
+        if above and least >= 0 and most < unit:  # two numbers packed into one: the lower does not reach up
+            return self.extract(self.lin(term.width, constant - constant % unit, above), low, width)
+        return None
+
+    def zext(self, term: Term, width: int) -> Term:
+        """More bits, zeros."""
+        if width == term.width:
+            return term
+        if term.width == 1 and not term.is_const:
+            return self.neg(self.sext(term, width))  # one normal form of a bit that is made a number
+        lifted = self._extend(term, width, 0, (1 << term.width) - 1)
+        if lifted is not None:
+            return lifted
+        if term.op is Op.ZEXT:
+            return self.zext(term.args[0], width)
+        if term.low >= 0:
+            return self.sext(term, width)
+        return self._make(Op.ZEXT, width, (term,), bounds=(0, (1 << term.width) - 1))
+
+    def sext(self, term: Term, width: int) -> Term:
+        """More bits, the sign."""
+        if width == term.width:
+            return term
+        lifted = self._extend(term, width, -(1 << (term.width - 1)), (1 << (term.width - 1)) - 1)
+        if lifted is not None:
+            return lifted
+        if term.op is Op.SEXT:
+            return self.sext(term.args[0], width)
+        return self._make(Op.SEXT, width, (term,), bounds=(term.low, term.high))
+
+    def _extend(self, term: Term, width: int, lowest: int, highest: int) -> Term | None:
+        """The term in more bits, if its value is known to be read as one in ``lowest..highest`` however it is computed."""
+        match term.op:
+            case Op.CONST:
+                value = term.params[0]
+                return self.const(width, value if value >= lowest else value + (1 << term.width))
+            case Op.VAR:
+                assert term.atom is not None
+                if lowest <= term.atom.low and term.atom.high <= highest:
+                    return self.var(term.atom, width)
+            case Op.LIN if term.width > 1:
+                constant, parts = self.linear_parts(term)
+                low, high = self._lin_bounds(constant, parts.items())
+                turns = -((low - lowest) // (1 << term.width))  # what brings the lower end in
+                shift = turns << term.width
+                if lowest <= low + shift and high + shift <= highest:
+                    terms = [self.times(self.sext(part, width), c) for part, c in parts.items()]
+                    return self.add(self.const(width, constant + shift), *terms)
+            case Op.ZEXT if lowest < 0 or term.low >= 0:
+                return self.zext(term.args[0], width)
+            case Op.SEXT if lowest == 0 and term.low >= 0:
+                return self.sext(term.args[0], width)
+            case Op.ITE if term.width > 1:
+                extend = self.zext if lowest == 0 else self.sext
+                return self.ite(term.args[0], *(extend(arg, width) for arg in term.args[1:]))
+            case _:
+                pass
+        return None
+
+    def concat(self, parts: Sequence[Term]) -> Term:
+        """Side by side, the lowest bits first."""
+        merged: list[Term] = []
+        for part in parts:
+            for one in part.args if part.op is Op.CONCAT else (part,):
+                joined = self._join(merged[-1], one) if merged else None
+                if joined is None:
+                    merged.append(one)
+                else:
+                    merged[-1] = joined
+        if len(merged) == 1:
+            return merged[0]
+        width = sum(part.width for part in merged)
+        if width <= 64 and len(merged) == 2:
+            low, high = merged
+            if high.is_const and high.params[0] == 0:
+                return self.zext(low, width)
+            if self._is_sign_of(high, low):
+                return self.sext(low, width)
+        return self._make(Op.CONCAT, width, tuple(merged))
+
+    def _join(self, low: Term, high: Term) -> Term | None:
+        if low.is_const and high.is_const:
+            return self.const(low.width + high.width, low.unsigned | high.unsigned << low.width)
+        if high.op is Op.EXTRACT:
+            whole, start = high.args[0], high.params[0]
+            if low.op is Op.EXTRACT and low.args[0] is whole and low.params[0] + low.width == start:
+                return self.extract(whole, low.params[0], low.width + high.width)
+            if start == low.width and self.extract(whole, 0, start) is low:
+                return self.extract(whole, 0, start + high.width)
+        return None
+
+    def _is_sign_of(self, high: Term, low: Term) -> bool:
+        if high.op is not Op.SEXT or high.args[0].width != 1:
+            return False
+        return high.args[0] is self.extract(low, low.width - 1, 1)
+
+    # Bits ------------------------------------------------------------------------------------------------------------
+
+    def bit_and(self, x: Term, y: Term) -> Term:
+        """``x & y``."""
+        if x is y:
+            return x
+        if x.is_const:
+            x, y = y, x
+        if y.is_const:
+            return self._masked(x, y.unsigned)
+        for mask, other in ((x, y), (y, x)):
+            if mask.op is Op.SEXT and mask.args[0].width == 1:
+                return self.ite(mask.args[0], other, self.const(x.width, 0))
+        bounds = None
+        if x.low >= 0 or y.low >= 0:
+            bounds = (0, min(one.high for one in (x, y) if one.low >= 0))
+        return self._make(Op.AND, x.width, self._ordered(x, y), bounds=bounds)
+
+    def _masked(self, x: Term, mask: int) -> Term:
+        if x.is_const:
+            return self.const(x.width, x.unsigned & mask)
+        if mask == 0:
+            return self.const(x.width, 0)
+        if mask == (1 << x.width) - 1:
+            return x
+        low = (mask & -mask).bit_length() - 1
+        run = mask >> low
+        if run & (run + 1) == 0:
+            kept = self.extract(x, low, run.bit_length())
+            return self.shl(self.zext(kept, x.width), low)
+        bounds = (0, mask) if mask < 1 << (x.width - 1) else None
+        return self._make(Op.AND, x.width, (x, self.const(x.width, mask)), bounds=bounds)
+
+    def bit_or(self, x: Term, y: Term) -> Term:
+        """``x | y``."""
+        if x is y:
+            return x
+        if x.is_const:
+            x, y = y, x
+        if y.is_const:
+            if y.params[0] == 0:
+                return x
+            if y.params[0] == -1:
+                return y
+            if x.is_const:
+                return self.const(x.width, x.params[0] | y.params[0])
+        for mask, other in ((x, y), (y, x)):
+            if mask.op is Op.SEXT and mask.args[0].width == 1:
+                return self.ite(mask.args[0], self.const(x.width, -1), other)
+            if other.low >= 0 and self._multiple_of(mask, 1 << other.high.bit_length()):
+                return self.add(x, y)  # no bit is set in both
+        return self._make(Op.OR, x.width, self._ordered(x, y), bounds=self._bits_bounds(x, y))
+
+    def bit_xor(self, x: Term, y: Term) -> Term:
+        """``x ^ y``."""
+        if x is y:
+            return self.const(x.width, 0)
+        if x.is_const:
+            x, y = y, x
+        if y.is_const:
+            if y.params[0] == 0:
+                return x
+            if y.params[0] == -1:
+                return self.invert(x)
+            if x.is_const:
+                return self.const(x.width, x.params[0] ^ y.params[0])
+        if x.width == 1:
+            return self.add(x, y)
+        for mask, other in ((x, y), (y, x)):
+            if mask.op is Op.SEXT and mask.args[0].width == 1:
+                return self.ite(mask.args[0], self.invert(other), other)
+        return self._make(Op.XOR, x.width, self._ordered(x, y), bounds=self._bits_bounds(x, y))
+
+    @staticmethod
+    def _bits_bounds(x: Term, y: Term) -> tuple[int, int]:
+        bits = max(max(-1 - one.low, one.high, 0).bit_length() for one in (x, y))
+        return (0 if x.low >= 0 and y.low >= 0 else -(1 << bits)), (1 << bits) - 1
+
+    def _multiple_of(self, term: Term, unit: int) -> bool:
+        constant, parts = self.linear_parts(term)
+        return gcd(constant, *parts.values()) % unit == 0
+
+    @staticmethod
+    def _ordered(x: Term, y: Term) -> tuple[Term, Term]:
+        return (x, y) if x.number <= y.number else (y, x)
+
+    # Choices ---------------------------------------------------------------------------------------------------------
+
+    def ite(self, condition: Term, then: Term, otherwise: Term) -> Term:
+        """``then`` where the one bit of ``condition`` is set, else ``otherwise``."""
+        if condition.is_const:
+            return then if condition.params[0] else otherwise
+        if then is otherwise:
+            return then
+        if condition.op is Op.LIN and condition.params[0] == -1 and len(condition.args) == 1:
+            return self.ite(condition.args[0], otherwise, then)
+        if then.width == 1 and then.is_const and otherwise.is_const:
+            return condition if then.params[0] else self.invert(condition)
+        if then.is_const and otherwise.is_const and then.params[0] == -1 and otherwise.params[0] == 0:
+            return self.sext(condition, then.width)
+        if then.is_const and otherwise.is_const and then.params[0] == 0 and otherwise.params[0] == -1:
+            return self.sext(self.invert(condition), then.width)
+        bounds = (min(then.low, otherwise.low), max(then.high, otherwise.high))
+        if condition.op is Op.EXTRACT and condition.args[0].width == then.width:  # the sign of a difference
+            difference = condition.args[0]
+            if self.sub(then, otherwise) is difference and condition.params[0] == then.width - 1:
+                bounds = self._exact(then, otherwise, difference, min) or bounds
+            elif self.sub(otherwise, then) is difference and condition.params[0] == then.width - 1:
+                bounds = self._exact(then, otherwise, difference, max) or bounds
+        return self._make(Op.ITE, then.width, (condition, then, otherwise), bounds=bounds)
+
+    def _exact(self, x: Term, y: Term, difference: Term, choose: Any) -> tuple[int, int] | None:
+        """Bounds of a minimum or maximum, if the difference whose sign decides cannot wrap."""
+        if not _fits(x.low - y.high, x.high - y.low, x.width) or not _fits(
+            y.low - x.high, y.high - x.low, difference.width
+        ):
+            return None
+        return choose(x.low, y.low), choose(x.high, y.high)
+
+    def eq(self, x: Term, y: Term) -> Term:
+        """One bit: whether they are equal."""
+        if x is y:
+            return self.const(1, 1)
+        if x.high < y.low or y.high < x.low:
+            return self.const(1, 0)
+        if x.is_const and y.is_const:
+            return self.const(1, x.params[0] == y.params[0])
+        return self._make(Op.EQ, 1, self._ordered(x, y))
+
+    def slt(self, x: Term, y: Term) -> Term:
+        """One bit: whether ``x < y``, both signed."""
+        if x.high < y.low:
+            return self.const(1, 1)
+        if x.low >= y.high:
+            return self.const(1, 0)
+        if _fits(x.low - y.high, x.high - y.low, x.width):
+            return self.extract(self.sub(x, y), x.width - 1, 1)
+        return self._make(Op.SLT, 1, (x, y))
+
+    def ult(self, x: Term, y: Term) -> Term:
+        """One bit: whether ``x < y``, both unsigned."""
+        if x.low >= 0 and y.low >= 0:
+            return self.slt(x, y)
+        if x.is_const and y.is_const:
+            return self.const(1, x.unsigned < y.unsigned)
+        if x is y:
+            return self.const(1, 0)
+        return self._make(Op.ULT, 1, (x, y))
+
+
+def cone(roots: Iterable[Term]) -> list[Term]:
+    """All terms that the roots are made of, each after its arguments."""
+    found: dict[int, Term] = {}
+    waiting = list(roots)
+    while waiting:
+        term = waiting.pop()
+        if term.number not in found:
+            found[term.number] = term
+            waiting.extend(term.args)
+    return [found[number] for number in sorted(found)]
+
+
+def rebuild(terms: Terms, term: Term, args: Sequence[Term]) -> Term:
+    """The term with other arguments of the same widths, in normal form."""
+    match term.op:
+        case Op.CONST | Op.VAR:
+            return term
+        case Op.LIN:
+            pieces = [terms.times(arg, c) for arg, c in zip(args, term.params[1:], strict=True)]
+            return terms.add(terms.const(term.width, term.params[0]), *pieces)
+        case Op.EXTRACT:
+            return terms.extract(args[0], term.params[0], term.width)
+        case Op.ZEXT:
+            return terms.zext(args[0], term.width)
+        case Op.SEXT:
+            return terms.sext(args[0], term.width)
+        case Op.CONCAT:
+            return terms.concat(args)
+        case Op.AND:
+            return terms.bit_and(*args)
+        case Op.OR:
+            return terms.bit_or(*args)
+        case Op.XOR:
+            return terms.bit_xor(*args)
+        case Op.ITE:
+            return terms.ite(*args)
+        case Op.EQ:
+            return terms.eq(*args)
+        case Op.SLT:
+            return terms.slt(*args)
+        case Op.ULT:
+            return terms.ult(*args)
+        case Op.MUL:
+            return terms.mul(*args)
+
+
+def evaluate(term: Term, args: Sequence[Values], atoms: Mapping[Atom, npt.NDArray[np.int64]]) -> Values:
+    """A term's values, given those of its arguments and of the atoms; of a term of at most 64 bits."""
+    width = term.width
+    mask = np.uint64((1 << width) - 1)
+    match term.op:
+        case Op.CONST:
+            return np.full(1, term.unsigned, dtype=np.uint64)
+        case Op.VAR:
+            assert term.atom is not None
+            return atoms[term.atom].astype(np.uint64) & mask
+        case Op.LIN:
+            total = np.full(1, term.params[0] & ((1 << 64) - 1), dtype=np.uint64)
+            for arg, c in zip(args, term.params[1:], strict=True):
+                total = total + (arg if c == 1 else arg * np.uint64(c & ((1 << 64) - 1)))
+            return total & mask
+        case Op.EXTRACT:
+            return (args[0] >> np.uint64(term.params[0])) & mask
+        case Op.ZEXT:
+            return args[0]
+        case Op.SEXT:
+            return _signed_values(args[0], term.args[0].width).astype(np.uint64) & mask
+        case Op.CONCAT:
+            total, at = np.zeros(1, dtype=np.uint64), 0
+            for arg, part in zip(args, term.args, strict=True):
+                total, at = total | arg << np.uint64(at), at + part.width
+            return total
+        case Op.AND:
+            return args[0] & args[1]
+        case Op.OR:
+            return args[0] | args[1]
+        case Op.XOR:
+            return args[0] ^ args[1]
+        case Op.ITE:
+            return np.where(args[0] != 0, args[1], args[2])
+        case Op.EQ:
+            return (args[0] == args[1]).astype(np.uint64)
+        case Op.SLT:
+            x, y = (_signed_values(arg, part.width) for arg, part in zip(args, term.args, strict=True))
+            return (x < y).astype(np.uint64)
+        case Op.ULT:
+            return (args[0] < args[1]).astype(np.uint64)
+        case Op.MUL:
+            return (args[0] * args[1]) & mask
+
+
+def _signed_values(values: Values, width: int) -> npt.NDArray[np.int64]:
+    up = np.uint64(64 - width)
+    return (values << up).view(np.int64) >> np.int64(64 - width)
+
+
+def signed_values(values: Values, width: int) -> npt.NDArray[np.int64]:
+    """Values of a term in signed reading."""
+    return _signed_values(np.asarray(values, dtype=np.uint64), width)
+
+
+def values_of(roots: Sequence[Term], atoms: Mapping[Atom, npt.NDArray[np.int64]]) -> list[Values]:
+    """The roots' values; each step of the computation is let go of when nothing needs it any more."""
+    order = cone(roots)
+    needed = {term.number: 0 for term in order}
+    for term in order:
+        for arg in term.args:
+            needed[arg.number] += 1
+    for root in roots:
+        needed[root.number] += 1
+    found: dict[int, Values] = {}
+    for term in order:
+        if term.width <= 64:
+            found[term.number] = evaluate(term, [found[arg.number] for arg in term.args], atoms)
+        for arg in term.args:
+            needed[arg.number] -= 1
+            if not needed[arg.number]:
+                found.pop(arg.number, None)
+    return [found[root.number] for root in roots]
