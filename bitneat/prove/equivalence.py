@@ -18,7 +18,19 @@ import numpy.typing as npt
 
 from bitneat.prove.queries import differ
 from bitneat.prove.semantics import Cut, IntArray, Model
-from bitneat.prove.terms import Atom, Op, Term, Terms, cone, rebuild, signed_values, values_of
+from bitneat.prove.terms import (
+    Atom,
+    Op,
+    Term,
+    Terms,
+    cone,
+    each_value,
+    rebuild,
+    resized,
+    signed_values,
+    substituted,
+    values_of,
+)
 
 EXHAUSTIVE = 1 << 18
 """Up to so many values of a sum are all tried; for more, a solver is asked first."""
@@ -27,6 +39,7 @@ _CHUNK = 1 << 20
 _SECONDS_EACH = 20.0
 _SECONDS_GUESS = 2.0
 _SECONDS_WHOLE = 30.0
+_GUESSES = 10
 _WIDTHS = (16, 32, 64)
 """Bits of the numbers that a value of the reference may stand in."""
 
@@ -78,55 +91,95 @@ class Equivalence:
         terms: where terms are made.
         model: the reference.
         samples: values of all atoms of both sides, one for each sample.
+        state: what the other side's atoms of state stand for, as terms of the model.
         lemmas: proofs to use and to add to.
         paranoid: settle each step in every way there is, and by two solvers.
     """
 
     def __init__(
-        self, terms: Terms, model: Model, samples: Mapping[Atom, IntArray], lemmas: Lemmas, *, paranoid: bool = False
+        self,
+        terms: Terms,
+        model: Model,
+        samples: Mapping[Atom, IntArray],
+        state: Mapping[Atom, Term],
+        lemmas: Lemmas,
+        *,
+        paranoid: bool = False,
     ) -> None:
         self._terms, self._model, self._samples, self._lemmas = terms, model, samples, lemmas
-        self._paranoid = paranoid
+        self._state, self._paranoid = state, paranoid
         self.effort = Effort()
-        self._by_shape: dict[bytes, list[tuple[Cut, int, int]]] = {}
+        self._guesses = 0
+        self._by_shape: dict[bytes | None, list[tuple[Cut, int, int]]] = {}
+        self._by_halfword: dict[bytes, list[tuple[Cut, int, int]]] = {}
         self._cut_of = {cut.value.atom: cut for cut in model.cuts}
         known = [*model.cuts, *model.sums]
         count = len(next(iter(samples.values())))
         for cut, values in zip(known, values_of([cut.value for cut in known], samples), strict=True):
             places = np.broadcast_to(signed_values(values, cut.value.width), (count,))
-            shape, sign = _shape(places)
-            if shape is not None:
-                self._by_shape.setdefault(shape, []).append((cut, sign, int(places[0])))
+            shape, scale = _shape(places)
+            self._by_shape.setdefault(shape, []).append((cut, scale, int(places[0])))
+            for sign in (1, -1) if shape is not None else ():
+                self._by_halfword.setdefault(_halfword(sign * places), []).append((cut, sign, int(places[0])))
         self._abstract: dict[int, Term] = {}
+        self._settled: dict[Term, Term] = {}
         self._sums: dict[tuple[int, int], Atom] = {}
 
     # Cuts --------------------------------------------------------------------------------------------------------------
 
-    def abstracted(self, roots: Sequence[Term]) -> list[Term]:
-        """The terms, with the atom of a cut wherever a part was proved to be that cut."""
-        order = [term for term in cone(roots) if term.number not in self._abstract]
-        values = _all_values(order, self._samples)
-        for term in order:
-            new = rebuild(self._terms, term, [self._abstract[arg.number] for arg in term.args])
-            if term.width in _WIDTHS and not _is_sum_of_atoms(new):
-                new = self._as_cut(new, signed_values(values[term.number], term.width))
+    def abstract(self, made: Sequence[Term]) -> None:
+        """Find the cuts among terms, each after its arguments; terms that nothing needs may be the ones that show them."""
+        for term, values in each_value(made, self._samples):
+            new = self._rebuilt(term)
+            if values is not None and term.width in _WIDTHS and not _is_sum_of_atoms(new):
+                cut = self._as_cut(new, signed_values(values, term.width))
+                if cut is not None:
+                    self._settle(new, cut)
+                    new = cut
             self._abstract[term.number] = new
-        return [self._abstract[root.number] for root in roots]
 
-    def _as_cut(self, term: Term, values: IntArray) -> Term:
-        shape, sign = _shape(np.broadcast_to(values, next(iter(self._samples.values())).shape))
-        if shape is None:
-            return term
-        for cut, cut_sign, cut_first in self._by_shape.get(shape, ()):
-            factor = sign * cut_sign
-            offset = int(np.ravel(values)[0]) - factor * cut_first
-            if self._is_cut(term, cut, factor, offset):
+    def _rebuilt(self, term: Term) -> Term:
+        if term.atom is not None and term.atom in self._state:
+            return resized(self._terms, self._state[term.atom], term.width)
+        return rebuild(self._terms, term, [self._with_settled(self._abstract[arg.number]) for arg in term.args])
+
+    def _settle(self, term: Term, cut: Term) -> None:
+        """Where the term is a sum, sums of more have its parts; let one of them stand for what it must be."""
+        constant, parts = self._terms.linear_parts(term)
+        for part in sorted(parts, key=lambda one: -one.number):
+            if part.atom is None and parts[part] in (1, -1) and part not in self._settled:
+                others = {one: c for one, c in parts.items() if one is not part}
+                rest = self._terms.sub(cut, self._terms.lin(term.width, constant, others))
+                self._settled[part] = self._terms.times(rest, parts[part])
+                return
+
+    def _with_settled(self, term: Term) -> Term:
+        while True:
+            constant, parts = self._terms.linear_parts(term)
+            if not any(part in self._settled for part in parts):
+                return term
+            pieces = [self._terms.times(self._settled.get(part, part), c) for part, c in parts.items()]
+            term = self._terms.add(self._terms.const(term.width, constant), *pieces)
+
+    def _as_cut(self, term: Term, values: IntArray) -> Term | None:
+        values = np.broadcast_to(values, next(iter(self._samples.values())).shape)
+        shape, scale = _shape(values)
+        found = [(cut, scale // one, first) for cut, one, first in self._by_shape.get(shape, ()) if scale % one == 0]
+        if term.width == 16 and shape is not None:
+            # What was moved may have wrapped.
+            found += [one for one in self._by_halfword.get(_halfword(values), ()) if one not in found]
+        for cut, factor, first in found:
+            offset = int(values[0]) - factor * first
+            if self._is_cut(term, cut, factor, offset, guess=shape is not None):
                 return self._moved(cut.value, term.width, factor, offset)
-        return term
+        return None
 
-    def _is_cut(self, term: Term, cut: Cut, factor: int, offset: int) -> bool:
-        """Whether the term is the cut's value times ``factor`` (1 or -1) plus ``offset``, for all values of its atoms."""
-        chain = self._chain(cut)
+    def _is_cut(self, term: Term, cut: Cut, factor: int, offset: int, *, guess: bool) -> bool:
+        """Whether the term is the cut's value times ``factor`` plus ``offset``, for all values of its atoms.
+
+        If it is no function of one sum, a solver is asked where ``guess`` says that it may be worth it.
+        """
+        chain, compared = self._chain(cut), False
         for depth in range(len(chain)):
             base = chain[depth]
             above = {one.value.atom: one.definition for one in chain[: depth + 1] if one.value.atom is not None}
@@ -140,10 +193,13 @@ class Equivalence:
             except _NotOfOneSum:
                 continue
             goal = self._moved(wanted, term.width, factor, offset)
+            compared = True
             if self._same_function(reduced, goal, chain[: depth + 1], direction, (factor, offset)):
                 return True
-        goal = self._moved(cut.definition, term.width, factor, offset)
-        return self._asked(term, goal, _SECONDS_GUESS)
+        if compared or not guess or self._guesses >= _GUESSES:
+            return False
+        self._guesses += 1
+        return self._asked(term, self._moved(cut.definition, term.width, factor, offset), _SECONDS_GUESS)
 
     def _asked(self, left: Term, right: Term, seconds: float) -> bool:
         if left is right:
@@ -166,27 +222,14 @@ class Equivalence:
             chain.append(self._cut_of[atoms[0]])
 
     def _moved(self, term: Term, width: int, factor: int, offset: int) -> Term:
-        resized = self._resized(term, width)
-        return self._terms.add(self._terms.times(resized, factor), self._terms.const(width, offset))
-
-    def _resized(self, term: Term, width: int) -> Term:
-        if width <= term.width:
-            return self._terms.extract(term, 0, width)
-        return self._terms.sext(term, width)
+        moved = self._terms.times(resized(self._terms, term, width), factor)
+        return self._terms.add(moved, self._terms.const(width, offset))
 
     def _substituted(self, term: Term, values: Mapping[Atom | None, Term]) -> Term:
-        """The term with other terms for some of its atoms."""
-        if not values:
-            return term
-        done: dict[int, Term] = {}
-        for one in cone([term]):
-            if one.atom is not None and one.atom in values:
-                # What stands for an atom may itself hold one that is to be replaced.
-                inner = self._substituted(values[one.atom], {a: t for a, t in values.items() if a is not one.atom})
-                done[one.number] = self._resized(inner, one.width)
-            else:
-                done[one.number] = rebuild(self._terms, one, [done[arg.number] for arg in one.args])
-        return done[term.number]
+        """The term with other terms for some of its atoms, and for those that come in with these."""
+        while any(one.atom is not None and one.atom in values for one in cone([term])):
+            (term,) = substituted(self._terms, [term], values)
+        return term
 
     # Functions of one sum ----------------------------------------------------------------------------------------------
 
@@ -194,8 +237,8 @@ class Equivalence:
         """The term as one in a single atom that stands for a sum."""
         terms, low, high = self._terms, *_range(direction)
         total = self._sums.setdefault((low, high), Atom("sum", low, high))
-        first, unit = direction[0]
         coefficients = dict(direction)
+        odd = next(atom for atom, c in direction if c % 2)
         done: dict[int, Term] = {}
         for one in cone([term]):
             if one.op not in (Op.VAR, Op.LIN):
@@ -208,8 +251,12 @@ class Equivalence:
                 done[one.number] = one  # a part of a sum, which is looked at as a whole; alone, it is refused below
                 continue
             if found:
-                factor, rest = divmod(found.get(first, 0), unit)
-                if rest or found != {atom: factor * c for atom, c in coefficients.items()}:
+                # Modulo 2^width, where a coefficient may have wrapped or gone.
+                modulus = 1 << one.width
+                factor = found.get(odd, 0) * pow(coefficients[odd], -1, modulus) % modulus
+                if not found.keys() <= coefficients.keys() or any(
+                    (found.get(atom, 0) - factor * c) % modulus for atom, c in coefficients.items()
+                ):
                     raise _NotOfOneSum
                 result.append(terms.times(terms.var(total, one.width), factor))
             result += [terms.times(done[part.number], c) for part, c in parts.items() if part.atom is None]
@@ -282,7 +329,7 @@ class Equivalence:
             expected: of the model, of `WORD` bits; the term is compared with its lowest.
         """
         terms = self._terms
-        (reduced,) = self.abstracted([term])
+        reduced = self._with_settled(self._abstract[term.number])
         wanted = terms.extract(expected, 0, term.width)
         if reduced is wanted:
             return None
@@ -305,18 +352,20 @@ class Equivalence:
 
 
 def _shape(values: npt.NDArray[np.int64]) -> tuple[bytes | None, int]:
-    """What stays of values when a constant is added or all are negated, and by which sign; None if they are all the same."""
+    """What stays of values when they are scaled and moved, and their scale; None if they are all the same."""
     moved = values - values[0]
     nonzero = np.flatnonzero(moved)
     if not len(nonzero):
         return None, 1
-    sign = 1 if moved[nonzero[0]] > 0 else -1
-    return (moved * sign).tobytes(), sign
+    scale = int(np.gcd.reduce(moved))
+    if moved[nonzero[0]] < 0:
+        scale = -scale
+    return (moved // scale).tobytes(), scale
 
 
-def _all_values(order: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[int, npt.NDArray[np.uint64]]:
-    wanted = [term for term in order if term.width <= 64]
-    return dict(zip((term.number for term in wanted), values_of(wanted, samples), strict=True))
+def _halfword(values: npt.NDArray[np.int64]) -> bytes:
+    """What stays of values modulo 2^16 when they are moved."""
+    return ((values - values[0]) & 0xFFFF).tobytes()
 
 
 def _is_sum_of_atoms(term: Term) -> bool:
@@ -348,5 +397,3 @@ def _text(term: Term) -> str:
         arguments = ",".join(str(names[arg.number]) for arg in one.args)
         pieces.append(f"{one.op.value}{one.width}({arguments}){','.join(map(str, one.params))}")
     return ";".join(pieces)
-
-

@@ -133,8 +133,9 @@ class Machine:
         for (offset, name), (end, _) in zip(own, [*own[1:], (own[-1][0] + 64, "")], strict=True):
             for at in range(offset, end):
                 self._registers.write(at, terms.var(Atom(f"{name}.{at - offset}", 0, 255, undefined=True), 8))
+        top = processor.word - 1
         for name in (*processor.arguments, *processor.preserved, processor.stack_pointer):
-            self._set(name, terms.var(Atom(name, 0, (1 << processor.word) - 1, undefined=True), processor.word))
+            self._set(name, terms.var(Atom(name, -(1 << top), (1 << top) - 1, undefined=True), processor.word))
         for name, width, value in processor.initial:
             self._registers.write(self._offset(name), terms.const(width, value))
         self._set(processor.stack_pointer, terms.const(processor.word, self._stack_top))

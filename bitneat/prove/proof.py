@@ -17,8 +17,8 @@ from bitneat.prove.execute import Finished, Machine, Processor, Program
 from bitneat.prove.flags import UnsupportedError
 from bitneat.prove.memory import Region, Violation
 from bitneat.prove.queries import SolverDisagreementError, differ
-from bitneat.prove.semantics import WORD, IntArray, Model, build, random_previous
-from bitneat.prove.terms import Atom, Term, Terms, cone, rebuild, signed_values, values_of
+from bitneat.prove.semantics import WORD, IntArray, Model, build, random_states
+from bitneat.prove.terms import Atom, Term, Terms, cone, signed_values, values_of
 from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.targets.image import Image
@@ -30,6 +30,7 @@ _SAMPLES = 256
 _LANES = 32
 _STEPS = 12
 _TRIES = 512
+_RARE = 4
 _SEED = 1
 
 
@@ -112,6 +113,11 @@ class Subject:
     def image(self) -> Image:
         """The linked program."""
         return self.emulated.image
+
+    @property
+    def guard(self) -> bool:
+        """Whether inputs may be any int16: ``name_run`` gets them as they are."""
+        return self.image.code.guard and self.image.entry == "step"
 
 
 def prove_function(subject: Subject, function: str) -> FunctionProof:
@@ -200,21 +206,23 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
     if (code.num_inputs, code.num_outputs) != (len(subject.controller.inputs), len(subject.controller.outputs)):
         raise _NotProved("it has another number of inputs or outputs than the controller")
     terms = Terms()
-    model = build(terms, subject.controller, guard=code.guard)
+    model = build(terms, subject.controller, guard=subject.guard)
     executed = _execute(subject, terms, model)
+    made = list(terms.made)
     proof.instructions, proof.stack_bytes = executed.finished.instructions, executed.finished.stack_bytes
     generator = np.random.default_rng(_SEED)
     unknown = _unknown_atoms([*executed.outputs, *executed.state])
     meaning = proof.meaning = _simulate(subject, model, executed, generator, unknown)
-    executed = _with_meaning(terms, model, executed, meaning)
-
-    count = _SAMPLES
-    inputs = _inputs(subject, count, seed=_SEED + 1)
-    samples = model.samples(inputs, random_previous(model, generator, count))
+    samples = _samples(subject, model, generator)
     _check_reference(model, samples)
-    free = [atom for atom, signal in zip(executed.slots, meaning, strict=True) if signal is None]
-    samples |= {atom: generator.integers(atom.low, atom.high, count, endpoint=True) for atom in (*unknown, *free)}
-    equivalence = Equivalence(terms, model, samples, subject.lemmas, paranoid=subject.paranoid)
+    kept = {atom: signal for atom, signal in zip(executed.slots, meaning, strict=True) if signal is not None}
+    if kept:
+        before = model.previous_values(samples, _SAMPLES)
+        samples |= {atom: before[:, signal] for atom, signal in kept.items()}
+    free = {one.atom: None for one in made if one.atom is not None and one.atom not in samples}
+    samples |= {atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in free}
+    state = {atom: model.previous[signal] for atom, signal in kept.items()}
+    equivalence = Equivalence(terms, model, samples, state, subject.lemmas, paranoid=subject.paranoid)
     proof.effort = equivalence.effort
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
     claims += [
@@ -222,7 +230,7 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
         for i, (term, signal) in enumerate(zip(executed.state, meaning, strict=True))
         if signal is not None
     ]
-    equivalence.abstracted([term for _, term, _ in claims])
+    equivalence.abstract(made)
     for what, term, expected in claims:
         difference = equivalence.difference(term, expected)
         if difference is not None:
@@ -234,31 +242,48 @@ def _not_equal(what: str, model: Model, found: Mapping[Atom, int] | None) -> _No
         return _NotProved(f"{what}: not shown to be equal")
     if any(atom.undefined for atom in found):
         what += " may depend on what registers or the stack held before"
-    inputs = [found.get(atom, 0) for atom in model.inputs]
-    previous = [found.get(atom, 0) for atom in model.previous]
-    return _NotProved(f"{what}: can differ", (inputs, previous))
+    inputs = np.array([[found.get(atom, 0) for atom in model.inputs]], dtype=np.int64)
+    state = np.array([[found.get(atom, 0) for atom in model.free]], dtype=np.int64)
+    previous: list[int] = []
+    if model.previous:
+        previous = model.previous_values(model.samples(inputs, state), 1)[0].tolist()
+    return _NotProved(f"{what}: can differ", (inputs[0].tolist(), previous))
 
 
 def _inputs(subject: Subject, count: int, seed: int) -> IntArray:
     """(count, inputs) of the domain, which is all of int16 where inputs are guarded."""
     inputs = random_vectors(subject.controller, seed, count).astype(np.int64)
-    if subject.image.code.guard:
+    if subject.guard:
         wide = np.random.default_rng(seed).integers(-32768, 32767, size=inputs.shape, endpoint=True)
         inputs[::2] = wide[::2]
     return inputs
 
 
+def _samples(subject: Subject, model: Model, generator: np.random.Generator) -> dict[Atom, IntArray]:
+    """Values of the model's atoms, of which each is to change at least a few times: (samples,) each."""
+    count = 16 * _SAMPLES
+    inputs = _inputs(subject, count, seed=_SEED + 1)
+    free = random_states(model, generator, count)
+    values = model.samples(inputs, free)
+    chosen = list(range(_SAMPLES // 2))
+    for cut in model.cuts:
+        assert cut.value.atom is not None
+        column = values[cut.value.atom]
+        if len(set(column[chosen].tolist())) < _RARE:
+            _, first = np.unique(column, return_index=True)
+            chosen += first[generator.permutation(len(first))[:_RARE]].tolist()
+    rows = np.array([*chosen, *range(_SAMPLES // 2, count)][:_SAMPLES])
+    return model.samples(inputs[rows], free[rows])
+
+
 def _check_reference(model: Model, samples: Mapping[Atom, IntArray]) -> None:
     """The model is the reference: where it was evaluated, at the least."""
     controller = model.controller
-    values = [
-        np.broadcast_to(signed_values(one, WORD), (_SAMPLES,)) for one in values_of(model.signals, samples)
-    ]
-    before = np.stack([samples[atom] for atom in model.previous], axis=1)
-    inputs = np.stack(values[: len(controller.inputs)], axis=1)
+    signals = model.signal_values(samples, _SAMPLES)
+    before = model.previous_values(samples, _SAMPLES) if model.previous else np.zeros_like(signals)
     for row in range(0, _SAMPLES, 8):
-        expected = evaluate_signals(controller, inputs[row].tolist(), before[row].tolist())
-        if [int(value[row]) for value in values] != expected:
+        expected = evaluate_signals(controller, signals[row, : len(controller.inputs)].tolist(), before[row].tolist())
+        if signals[row].tolist() != expected:
             raise AssertionError("the terms of the controller do not give the reference's values")
 
 
@@ -332,31 +357,6 @@ def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[
     ]
 
 
-def _with_meaning(terms: Terms, model: Model, executed: _Executed, meaning: Sequence[int | None]) -> _Executed:
-    values = {
-        atom: terms.var(model.previous[signal], 16)
-        for atom, signal in zip(executed.slots, meaning, strict=True)
-        if signal is not None
-    }
-    if not values:
-        return executed
-    done: dict[int, Term] = {}
-    roots = [*executed.outputs, *executed.state]
-    for one in cone(roots):
-        if one.atom in values:
-            done[one.number] = terms.var(_atom(values[one.atom]), one.width)
-        else:
-            done[one.number] = rebuild(terms, one, [done[arg.number] for arg in one.args])
-    count = len(executed.outputs)
-    replaced = [done[root.number] for root in roots]
-    return _Executed(executed.finished, replaced[:count], replaced[count:], executed.slots)
-
-
-def _atom(term: Term) -> Atom:
-    assert term.atom is not None
-    return term.atom
-
-
 # Counterexamples -----------------------------------------------------------------------------------------------------
 
 
@@ -388,7 +388,8 @@ def _try(
 ) -> Counterexample | None:
     """One step from a given state."""
     controller = subject.controller
-    expected = tuple(outputs_of(controller, evaluate_signals(controller, _limited(controller, inputs), previous)))
+    signals = evaluate_signals(controller, _limited(controller, inputs), previous)
+    expected = tuple(outputs_of(controller, signals))
     state = [0 if signal is None else previous[signal] for signal in meaning]
     found: tuple[int, ...] | None
     try:

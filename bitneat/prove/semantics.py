@@ -7,20 +7,22 @@ an unknown integer within bounds, with the sum that it comes from and the functi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from bitneat.controller import Controller
+from bitneat.controller import Controller, Reference
 from bitneat.controller.activation import PROGRAMS, Program, constant, table
 from bitneat.controller.activation import Op as Step
 from bitneat.controller.interval import Interval, image, intervals
-from bitneat.controller.ir import SIGNAL_MAX, Constant, Node
+from bitneat.controller.ir import MAX_SIGNALS, SIGNAL_MAX, Constant, Node
+from bitneat.controller.reference import node_value
 from bitneat.prove.terms import Atom, Op, Term, Terms, signed_values, values_of
+from bitneat.verify.vectors import random_vectors
 
 IntArray = npt.NDArray[np.int64]
 
@@ -57,7 +59,9 @@ class Model:
     controller: Controller
     inputs: list[Atom]
     """As they arrive."""
-    previous: list[Atom]
+    free: list[Atom] = field(default_factory=list)
+    """What is unknown of the state."""
+    previous: list[Term] = field(default_factory=list)
     """Each signal at the end of the step before, in any state that can be reached."""
     cuts: list[Cut] = field(default_factory=list)
     """Those that have an atom, each after those it needs."""
@@ -66,75 +70,119 @@ class Model:
     signals: list[Term] = field(default_factory=list)
     outputs: list[Term] = field(default_factory=list)
 
-    def samples(self, inputs: IntArray, previous: IntArray) -> dict[Atom, IntArray]:
+    def samples(self, inputs: IntArray, free: IntArray) -> dict[Atom, IntArray]:
         """Values of all atoms.
 
         Args:
             inputs: (samples, inputs).
-            previous: (samples, signals).
+            free: (samples, unknowns of the state).
         """
         values: dict[Atom, IntArray] = dict(zip(self.inputs, inputs.T, strict=True))
-        values |= dict(zip(self.previous, previous.T, strict=True))
+        values |= dict(zip(self.free, free.T, strict=True))
         for cut in self.cuts:
-            argument = values_of([cut.argument], values)[0]
             assert cut.value.atom is not None
-            values[cut.value.atom] = cut.function(np.broadcast_to(signed_values(argument, WORD), len(inputs)))
+            values[cut.value.atom] = cut.function(self._numbers([cut.argument], values, len(inputs))[0])
         return values
+
+    def previous_values(self, samples: Mapping[Atom, IntArray], count: int) -> IntArray:
+        """Each signal at the end of the step before: (samples, signals)."""
+        return np.stack(self._numbers(self.previous, samples, count), axis=1)
+
+    def signal_values(self, samples: Mapping[Atom, IntArray], count: int) -> IntArray:
+        """Each signal: (samples, signals)."""
+        return np.stack(self._numbers(self.signals, samples, count), axis=1)
+
+    @staticmethod
+    def _numbers(roots: Sequence[Term], values: Mapping[Atom, IntArray], count: int) -> list[IntArray]:
+        found = values_of(roots, values)
+        return [np.broadcast_to(signed_values(one, WORD), (count,)) for one in found]
 
 
 def build(terms: Terms, controller: Controller, *, guard: bool) -> Model:
-    """A controller as terms, on its declared domain.
+    """A controller as terms, on its declared domain and in every state that can be reached.
+
+    What is known of states is known by induction: it holds after a reset, and if it holds before a step it holds after it.
+
+    - Each signal is within the bounds that `bitneat.controller.interval` finds.
+    - A node that reads nothing with a delay, and is 0 where all that it reads is 0, was what its definition makes of the
+      signals before, too.
+    - Signals that were always equal on random sequences are taken to be equal, until one step from there gives different
+      terms; then they are told apart, and the rest is tried again.
 
     Args:
         terms: where terms are made.
         controller: which.
         guard: whether inputs may be any int16, and are clipped to their limits first.
     """
-    reach = _reachable(controller)
-    inputs = [
-        Atom(f"observation[{i}]", -32768 if guard else -entry.limit, 32767 if guard else entry.limit)
-        for i, entry in enumerate(controller.inputs)
-    ]
-    previous = [Atom(f"previous[{i}]", bounds.low, bounds.high) for i, bounds in enumerate(reach)]
-    builder = _Builder(terms, Model(controller, inputs, previous))
-    builder.run(guard=guard)
-    model = builder.model
-    for signal, bounds in zip(model.signals, reach, strict=True):
-        # Induction: whatever held before a step holds after it.
-        assert bounds.low <= signal.low
-        assert signal.high <= bounds.high
-    return model
+    groups = _seen_equal(controller) if controller.is_recurrent else list(range(controller.num_signals))
+    while True:
+        model = _Builder(terms, controller, groups).run(guard=guard)
+        refined: dict[tuple[int, Term], int] = {}
+        after = [refined.setdefault(key, i) for i, key in enumerate(zip(groups, model.signals, strict=True))]
+        if len(set(after)) == len(set(groups)):
+            return model
+        groups = after
 
 
-def _reachable(controller: Controller) -> list[Interval]:
-    """Bounds of each signal at the end of any step, and at reset, that hold after a step if they held before it."""
-    zero = Interval(0, 0)
-    return [zero.hull(bounds) for bounds in intervals(controller).signals]
+def _seen_equal(controller: Controller) -> list[int]:
+    """For each signal the first that had the same values on random sequences."""
+    lanes, steps = 16, 10
+    inputs = random_vectors(controller, 0, lanes * steps).reshape(lanes, steps, -1)
+    seen: list[list[int]] = []
+    for lane in inputs.tolist():
+        reference = Reference(controller)
+        for vector in lane:
+            reference.step(vector)
+            seen.append(reference.signals)
+    first: dict[tuple[int, ...], int] = {}
+    return [first.setdefault(history, i) for i, history in enumerate(zip(*seen, strict=True))]
 
 
 class _Builder:
-    def __init__(self, terms: Terms, model: Model) -> None:
-        self.terms, self.model = terms, model
+    def __init__(self, terms: Terms, controller: Controller, groups: Sequence[int]) -> None:
+        self.terms, self.controller, self._groups = terms, controller, groups
+        self.model = Model(controller, [])
         self._known: dict[Term, Term] = {}
 
-    def run(self, *, guard: bool) -> None:
-        terms, model = self.terms, self.model
-        controller = model.controller
-        for atom, entry in zip(model.inputs, controller.inputs, strict=True):
+    def run(self, *, guard: bool) -> Model:
+        terms, model, controller = self.terms, self.model, self.controller
+        if controller.is_recurrent:
+            self._add_previous()
+        for i, entry in enumerate(controller.inputs):
+            atom = Atom(f"observation[{i}]", -32768 if guard else -entry.limit, 32767 if guard else entry.limit)
+            model.inputs.append(atom)
             arrived = terms.var(atom, WORD)
             model.signals.append(self._clip(arrived, entry.limit, "limit") if guard else arrived)
         for node in controller.nodes:
-            model.signals.append(self._node(node))
+            model.signals.append(self._node(node, model.signals))
         model.outputs.extend(
             terms.const(WORD, output.value) if isinstance(output, Constant) else model.signals[output.index]
             for output in controller.outputs
         )
+        return model
 
-    def _node(self, node: Node) -> Term:
+    def _add_previous(self) -> None:
+        terms, model, controller = self.terms, self.model, self.controller
+        unknown: dict[int, Term] = {}
+        for i, bounds in enumerate(intervals(controller).signals):
+            node = None if i < len(controller.inputs) else controller.nodes[i - len(controller.inputs)]
+            if node is not None and _keeps_zero(node, controller):
+                model.previous.append(self._node(node, model.previous))
+                continue
+            group = self._groups[i]
+            if group not in unknown:
+                # All of a group are equal, so the bounds of its first are those of all.
+                low, high = min(bounds.low, 0), max(bounds.high, 0)
+                atom = Atom(f"previous[{i}]", low, high)
+                model.free.append(atom)
+                unknown[group] = terms.var(atom, WORD)
+            model.previous.append(unknown[group])
+
+    def _node(self, node: Node, signals: Sequence[Term]) -> Term:
         terms, model = self.terms, self.model
         pieces = [terms.const(WORD, node.bias)]
         for link in node.links:
-            source = terms.var(model.previous[link.source], WORD) if link.delay else model.signals[link.source]
+            source = (model.previous if link.delay else signals)[link.source]
             pieces.append(terms.times(source, link.sign << link.shift))
         total = terms.add(*pieces)
         if node.gain >= 0:
@@ -143,7 +191,7 @@ class _Builder:
         else:
             scaled = self._cut("floor", total, terms.ashr(total, -node.gain), _floor(-node.gain))
         argument = self._clip(scaled, SIGNAL_MAX, "clip")
-        return self._activation(argument, node.activation, model.controller.frac_bits)
+        return self._activation(argument, node.activation, self.controller.frac_bits)
 
     def _clip(self, term: Term, limit: int, kind: Kind) -> Term:
         terms = self.terms
@@ -152,7 +200,8 @@ class _Builder:
         low, high = terms.const(WORD, -limit), terms.const(WORD, limit)
         capped = terms.ite(terms.slt(term, high), term, high)
         definition = terms.ite(terms.slt(capped, low), low, capped)
-        return self._cut(kind, term, definition, _clipping(limit))
+        bounds = Interval(max(term.low, -limit), min(term.high, limit))
+        return self._cut(kind, term, definition, _clipping(limit), bounds)
 
     def _activation(self, argument: Term, name: str, frac_bits: int) -> Term:
         check_activation(name, frac_bits)
@@ -179,12 +228,23 @@ class _Builder:
         ):
             self._sum(definition)
             return definition
+        if definition.op is Op.LIN and len(definition.args) == 1:
+            # A multiple of something: a compiler may well compute that, and scale it later.
+            constant, factor = definition.params
+            inner = self._cut(kind, argument, definition.args[0], _unscaled(function, constant, factor))
+            return self.terms.add(self.terms.times(inner, factor), self.terms.const(WORD, constant))
         if definition not in self._known:
             low, high = (definition.low, definition.high) if bounds is None else bounds
+            if low == high:
+                return self.terms.const(WORD, low)
             atom = Atom(f"{kind}{len(self.model.cuts)}", low, high)
             value = self._known[definition] = self.terms.var(atom, WORD)
             self.model.cuts.append(Cut(value, kind, argument, definition, function))
         return self._known[definition]
+
+
+def _unscaled(function: Callable[[IntArray], IntArray], constant: int, factor: int) -> Callable[[IntArray], IntArray]:
+    return lambda values: (function(values) - constant) // factor
 
 
 def _floor(places: int) -> Callable[[IntArray], IntArray]:
@@ -247,11 +307,27 @@ def check_activation(name: str, frac_bits: int) -> None:
         raise AssertionError(f"the term of {name} at F = {frac_bits} is not what it computes")
 
 
-def random_previous(model: Model, generator: np.random.Generator, count: int) -> IntArray:
-    """States of every kind: (count, signals), zeros and extremes among them."""
-    columns: list[IntArray] = []
-    for atom in model.previous:
+def _keeps_zero(node: Node, controller: Controller) -> bool:
+    """Whether a node that reads nothing with a delay is 0 in a step in which all that it reads is 0."""
+    return not any(link.delay for link in node.links) and node_value(node, _ZEROS, (), controller.frac_bits) == 0
+
+
+class _Zeros(Sequence[int]):
+    def __len__(self) -> int:
+        return MAX_SIGNALS
+
+    def __getitem__(self, index: Any) -> Any:
+        return 0
+
+
+_ZEROS = _Zeros()
+
+
+def random_states(model: Model, generator: np.random.Generator, count: int) -> IntArray:
+    """States of every kind, zeros and extremes among them: (count, unknowns of the state)."""
+    columns = [np.zeros((count, 0), dtype=np.int64)]
+    for atom in model.free:
         values = generator.integers(atom.low, atom.high, size=count, endpoint=True)
         special = generator.choice(np.array([0, atom.low, atom.high]), size=count)
-        columns.append(np.where(generator.random(count) < 0.7, values, special))
-    return np.stack(columns, axis=1)
+        columns.append(np.where(generator.random(count) < 0.7, values, special)[:, None])
+    return np.concatenate(columns, axis=1)

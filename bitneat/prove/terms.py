@@ -11,8 +11,8 @@ Every rule here is part of what a proof trusts. `tests/prove/test_terms.py` eval
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from math import gcd
 from typing import Any
@@ -72,7 +72,6 @@ class Term:
     low: int
     high: int
     number: int
-    values: Values | None = field(default=None)
 
     def __repr__(self) -> str:
         return f"<{self.op.value}:{self.width} #{self.number}>"
@@ -98,12 +97,19 @@ def _fits(low: int, high: int, width: int) -> bool:
     return -(1 << (width - 1)) <= low and high < 1 << (width - 1)
 
 
+def _is_mask(term: Term) -> bool:
+    """Whether all bits are alike, by how it was made."""
+    return term.params in ((0,), (-1,)) if term.is_const else term.op is Op.SEXT and term.args[0].width == 1
+
+
 class Terms:
     """Makes terms, and keeps them unique."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], Term] = {}
-        self._next = 0
+        self.made: list[Term] = []
+        """All of them, each after its arguments."""
+        self._extracted: dict[tuple[int, int, int], Term] = {}
 
     # Making ----------------------------------------------------------------------------------------------------------
 
@@ -121,8 +127,8 @@ class Terms:
         if found is None:
             whole = (-(1 << (width - 1)), (1 << (width - 1)) - 1)
             low, high = whole if bounds is None or not _fits(*bounds, width) else bounds
-            found = Term(op, width, args, params, atom, low, high, self._next)
-            self._next += 1
+            found = Term(op, width, args, params, atom, low, high, len(self.made))
+            self.made.append(found)
             self._known[key] = found
         return found
 
@@ -233,6 +239,12 @@ class Terms:
         """``width`` bits from bit ``low`` on."""
         if low == 0 and width == term.width:
             return term
+        key = (term.number, low, width)
+        if key not in self._extracted:
+            self._extracted[key] = self._extract(term, low, width)
+        return self._extracted[key]
+
+    def _extract(self, term: Term, low: int, width: int) -> Term:
         match term.op:
             case Op.CONST:
                 return self.const(width, term.params[0] >> low)
@@ -255,7 +267,7 @@ class Terms:
                 return self.bit_or(*(self.extract(arg, low, width) for arg in term.args))
             case Op.XOR:
                 return self.bit_xor(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.ITE:
+            case Op.ITE if low == 0 or (term.args[1].is_const and term.args[2].is_const):
                 condition, then, otherwise = term.args
                 return self.ite(condition, self.extract(then, low, width), self.extract(otherwise, low, width))
             case Op.MUL if low == 0:
@@ -502,28 +514,41 @@ class Terms:
             return then
         if condition.op is Op.LIN and condition.params[0] == -1 and len(condition.args) == 1:
             return self.ite(condition.args[0], otherwise, then)
-        if then.width == 1 and then.is_const and otherwise.is_const:
-            return condition if then.params[0] else self.invert(condition)
-        if then.is_const and otherwise.is_const and then.params[0] == -1 and otherwise.params[0] == 0:
-            return self.sext(condition, then.width)
-        if then.is_const and otherwise.is_const and then.params[0] == 0 and otherwise.params[0] == -1:
-            return self.sext(self.invert(condition), then.width)
-        bounds = (min(then.low, otherwise.low), max(then.high, otherwise.high))
-        if condition.op is Op.EXTRACT and condition.args[0].width == then.width:  # the sign of a difference
-            difference = condition.args[0]
-            if self.sub(then, otherwise) is difference and condition.params[0] == then.width - 1:
-                bounds = self._exact(then, otherwise, difference, min) or bounds
-            elif self.sub(otherwise, then) is difference and condition.params[0] == then.width - 1:
-                bounds = self._exact(then, otherwise, difference, max) or bounds
+        if then.width > 1 and not otherwise.is_const and self.invert(otherwise) is then:
+            # x ^ mask, where what follows is mostly - mask: then it is x or -x.
+            return self.add(self.ite(condition, self.neg(otherwise), otherwise), self.sext(condition, then.width))
+        if then.width == 1:
+            if then.is_const:
+                if then.params[0]:
+                    return self.bit_or(condition, otherwise)
+                return self.bit_and(self.invert(condition), otherwise)
+            if otherwise.is_const:
+                if otherwise.params[0]:
+                    return self.bit_or(self.invert(condition), then)
+                return self.bit_and(condition, then)
+        elif _is_mask(then) and _is_mask(otherwise):
+            bits = (self.extract(one, 0, 1) for one in (then, otherwise))
+            return self.sext(self.ite(condition, *bits), then.width)
+        bounds = self._chosen_bounds(condition, then, otherwise)
         return self._make(Op.ITE, then.width, (condition, then, otherwise), bounds=bounds)
 
-    def _exact(self, x: Term, y: Term, difference: Term, choose: Any) -> tuple[int, int] | None:
-        """Bounds of a minimum or maximum, if the difference whose sign decides cannot wrap."""
-        if not _fits(x.low - y.high, x.high - y.low, x.width) or not _fits(
-            y.low - x.high, y.high - x.low, difference.width
-        ):
-            return None
-        return choose(x.low, y.low), choose(x.high, y.high)
+    def _chosen_bounds(self, condition: Term, then: Term, otherwise: Term) -> tuple[int, int]:
+        """Of a choice; closer ones if it is a minimum or maximum."""
+        choose = None
+        if condition.op is Op.SLT and {*condition.args} == {then, otherwise}:
+            choose = min if condition.args[0] is then else max
+        elif condition.op is Op.EXTRACT and condition.width == 1 and condition.args[0].width == then.width:
+            sign_of = condition.args[0]  # a difference that `slt` found not to wrap, or its complement
+            wraps = not _fits(then.low - otherwise.high - 1, then.high - otherwise.low, then.width)
+            wraps = wraps or not _fits(otherwise.low - then.high - 1, otherwise.high - then.low, then.width)
+            if condition.params[0] == then.width - 1 and not wraps:
+                one = self.const(then.width, 1)
+                for difference, which in ((self.sub(then, otherwise), min), (self.sub(otherwise, then), max)):
+                    if sign_of is difference or sign_of is self.sub(difference, one):
+                        choose = which
+        if choose is None:
+            return min(then.low, otherwise.low), max(then.high, otherwise.high)
+        return choose(then.low, otherwise.low), choose(then.high, otherwise.high)
 
     def eq(self, x: Term, y: Term) -> Term:
         """One bit: whether they are equal."""
@@ -566,6 +591,24 @@ def cone(roots: Iterable[Term]) -> list[Term]:
             found[term.number] = term
             waiting.extend(term.args)
     return [found[number] for number in sorted(found)]
+
+
+def substituted(terms: Terms, roots: Sequence[Term], values: Mapping[Atom | None, Term]) -> list[Term]:
+    """Terms with other terms, in signed reading, for some of their atoms."""
+    if not values:
+        return list(roots)
+    done: dict[int, Term] = {}
+    for one in cone(roots):
+        if one.atom is not None and one.atom in values:
+            done[one.number] = resized(terms, values[one.atom], one.width)
+        else:
+            done[one.number] = rebuild(terms, one, [done[arg.number] for arg in one.args])
+    return [done[root.number] for root in roots]
+
+
+def resized(terms: Terms, term: Term, width: int) -> Term:
+    """A term in fewer or, by its sign, in more bits."""
+    return terms.extract(term, 0, width) if width <= term.width else terms.sext(term, width)
 
 
 def rebuild(terms: Terms, term: Term, args: Sequence[Term]) -> Term:
@@ -657,21 +700,38 @@ def signed_values(values: Values, width: int) -> npt.NDArray[np.int64]:
     return _signed_values(np.asarray(values, dtype=np.uint64), width)
 
 
-def values_of(roots: Sequence[Term], atoms: Mapping[Atom, npt.NDArray[np.int64]]) -> list[Values]:
-    """The roots' values; each step of the computation is let go of when nothing needs it any more."""
-    order = cone(roots)
-    needed = {term.number: 0 for term in order}
+def each_value(
+    order: Sequence[Term], atoms: Mapping[Atom, npt.NDArray[np.int64]]
+) -> Iterator[tuple[Term, Values | None]]:
+    """Terms, each after its arguments, with their values, which are let go of when nothing needs them any more.
+
+    A term of more than 64 bits has none.
+    """
+    needed = dict.fromkeys((term.number for term in order), 0)
     for term in order:
         for arg in term.args:
             needed[arg.number] += 1
-    for root in roots:
-        needed[root.number] += 1
     found: dict[int, Values] = {}
     for term in order:
+        values = None
         if term.width <= 64:
-            found[term.number] = evaluate(term, [found[arg.number] for arg in term.args], atoms)
+            values = evaluate(term, [found[arg.number] for arg in term.args], atoms)
+            if needed[term.number]:
+                found[term.number] = values
         for arg in term.args:
             needed[arg.number] -= 1
             if not needed[arg.number]:
                 found.pop(arg.number, None)
-    return [found[root.number] for root in roots]
+        yield term, values
+
+
+def values_of(roots: Sequence[Term], atoms: Mapping[Atom, npt.NDArray[np.int64]]) -> list[Values]:
+    """The roots' values; of terms of at most 64 bits."""
+    wanted = {root.number for root in roots}
+    found = {term.number: value for term, value in each_value(cone(roots), atoms) if term.number in wanted}
+    return [_there(found[root.number]) for root in roots]
+
+
+def _there(values: Values | None) -> Values:
+    assert values is not None
+    return values
