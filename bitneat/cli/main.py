@@ -60,6 +60,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "codegen": ("bitneat.cli.codegen", "write a champion as C that only adds and subtracts"),
     "verify": ("bitneat.cli.verify", "compare generated C with its champion, bit for bit, in the simulator's loop"),
+    "prove": (
+        "bitneat.cli.prove",
+        "prove that the compiled C computes the champion, for all inputs (needs bitneat[prove])",
+    ),
     "size": (
         "bitneat.cli.size",
         "say what a champion takes: links, packed bytes, flash, RAM, stack and, with --targets, instructions a step",
@@ -89,7 +93,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 GROUPS: dict[str, tuple[str, ...]] = {
     "make a controller": ("evolve", "linear", "polish", "import", "quantize", "baseline"),
     "deploy it": ("codegen",),
-    "check it": ("verify", "doctor"),
+    "check it": ("verify", "prove", "doctor"),
     "look at it": ("report", "size", "plot", "render"),
     "compare": ("reproduce", "bench"),
     "the command line itself": ("completion",),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
 from bitneat.cli.columns import columns, printable
+from bitneat.cli.judged import code_to_judge
 from bitneat.cli.size import add_targets, target_names
 from bitneat.errors import BitneatError
 
@@ -109,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.files import write_json
     from bitneat.sim.environment import allow_imports
     from bitneat.verify.check import HARDCORE, THOROUGH_VECTORS, VECTORS, Settings
-    from bitneat.verify.targets import select
+    from bitneat.verify.targets import select, style_for
 
     allow_imports(args.imports)
     champion = load(args.champion)
@@ -122,7 +123,9 @@ def run(args: argparse.Namespace) -> int:
         vectors=args.vectors or (THOROUGH_VECTORS if names is not None and "all" in names else VECTORS),
     )
     with tempfile.TemporaryDirectory(prefix="bitneat-") as folder:
-        code, handed_out = _code(args, champion, Path(folder))
+        code, handed_out = code_to_judge(
+            champion, args.champion, args.c, style_for(target_names(args.targets)), Path(folder)
+        )
         if args.inject_fault is not None and names is None:
             names = _targets_of_style(code)
         with _display(verbose=settings.vectors > VECTORS) as display:
@@ -131,36 +134,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None:
         write_json(args.json, data)
     return 0 if passed else 1
-
-
-def _code(args: argparse.Namespace, champion: Champion, folder: Path) -> tuple[CFile, bool]:
-    """The file to judge, and whether it is one that was handed out; says which it is."""
-    from bitneat.codegen import generate
-    from bitneat.verify.cfile import CFile, c_name_for, find, require_related
-    from bitneat.verify.targets import style_for
-
-    if args.c is not None:
-        named = CFile.read(args.c)
-        require_related(named, champion, args.champion)
-        return named, True
-    found = find(champion, args.champion, (args.champion.parent, Path.cwd()))
-    if found.stale is not None:
-        return found.stale, True
-    if found.matching:
-        first, *others = found.matching
-        if others:
-            names = ", ".join(str(code.path) for code in others)
-            print(f"also generated for this controller, not checked now: {names}")
-        return first, True
-    code = generate(
-        champion.controller,
-        c_name_for(args.champion),
-        style_for(target_names(args.targets)),
-        action=champion.action,
-        environment_id=champion.environment.id if champion.environment else "",
-    )
-    print(f"no generated C for this controller beside {args.champion} or here: generated it for this check alone")
-    return CFile.write(code, folder), False
 
 
 def _targets_of_style(code: CFile) -> list[str]:

@@ -16,6 +16,7 @@ _EXTRAS = {
     "plot": "bitneat plot, figures of bitneat reproduce",
     "baselines": "bitneat baseline",
     "bench": "EnvPool in bitneat bench sim",
+    "prove": "bitneat prove",
     "peers": "python -m benchmarks.peers, from a checkout",
     "docs": "make docs, from a checkout",
     "render": "bitneat render",

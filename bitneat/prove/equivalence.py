@@ -34,7 +34,7 @@ from bitneat.prove.terms import (
 
 EXHAUSTIVE = 1 << 18
 """Up to so many values of a sum are all tried; for more, a solver is asked first."""
-_LAST_RESORT = 1 << 26
+_LAST_RESORT = 1 << 22
 _CHUNK = 1 << 20
 _SECONDS_EACH = 20.0
 _SECONDS_GUESS = 2.0
@@ -121,6 +121,7 @@ class Equivalence:
             self._by_shape.setdefault(shape, []).append((cut, scale, int(places[0])))
             for sign in (1, -1) if shape is not None else ():
                 self._by_halfword.setdefault(_halfword(sign * places), []).append((cut, sign, int(places[0])))
+        self._constants = {signal.params[0] for signal in model.signals if signal.is_const}
         self._abstract: dict[int, Term] = {}
         self._settled: dict[Term, Term] = {}
         self._sums: dict[tuple[int, int], Atom] = {}
@@ -164,6 +165,8 @@ class Equivalence:
     def _as_cut(self, term: Term, values: IntArray) -> Term | None:
         values = np.broadcast_to(values, next(iter(self._samples.values())).shape)
         shape, scale = _shape(values)
+        if shape is None and int(values[0]) in self._constants and self._is_constant(term, int(values[0])):
+            return self._terms.const(term.width, int(values[0]))
         found = [(cut, scale // one, first) for cut, one, first in self._by_shape.get(shape, ()) if scale % one == 0]
         if term.width == 16 and shape is not None:
             # What was moved may have wrapped.
@@ -182,7 +185,7 @@ class Equivalence:
         chain, compared = self._chain(cut), False
         for depth in range(len(chain)):
             base = chain[depth]
-            above = {one.value.atom: one.definition for one in chain[: depth + 1] if one.value.atom is not None}
+            above: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain[: depth + 1]}
             inner = {one.value.atom: one.definition for one in chain[1 : depth + 1]}
             direction = _direction(base.argument)
             if direction is None:
@@ -200,6 +203,25 @@ class Equivalence:
             return False
         self._guesses += 1
         return self._asked(term, self._moved(cut.definition, term.width, factor, offset), _SECONDS_GUESS)
+
+    def _is_constant(self, term: Term, value: int) -> bool:
+        """Whether a function of one sum has one value only, as a node that is always saturated has."""
+        leaves = [one for one in cone([term]) if _is_sum_of_atoms(one) and not one.is_const]
+        direction = _direction(max(leaves, key=lambda one: (one.width, len(one.args)))) if leaves else None
+        if direction is None:
+            return False
+        try:
+            reduced = self._over(term, direction)
+        except _NotOfOneSum:
+            return False
+        low, high = _range(direction)
+        wanted = self._terms.const(term.width, value)
+        if reduced is not wanted and high - low < EXHAUSTIVE:
+            sums = np.arange(low, high + 1, dtype=np.int64)
+            found = values_of([reduced], {self._sums[low, high]: sums})[0]
+            self.effort.exhaustive += 1
+            return bool((found == np.uint64(wanted.unsigned)).all())
+        return self._asked(reduced, wanted, _SECONDS_GUESS)
 
     def _asked(self, left: Term, right: Term, seconds: float) -> bool:
         if left is right:
@@ -365,7 +387,8 @@ def _shape(values: npt.NDArray[np.int64]) -> tuple[bytes | None, int]:
 
 def _halfword(values: npt.NDArray[np.int64]) -> bytes:
     """What stays of values modulo 2^16 when they are moved."""
-    return ((values - values[0]) & 0xFFFF).tobytes()
+    moved: npt.NDArray[np.int64] = (values - values[0]) & 0xFFFF
+    return moved.tobytes()
 
 
 def _is_sum_of_atoms(term: Term) -> bool:

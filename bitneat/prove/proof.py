@@ -88,6 +88,25 @@ class FunctionProof:
             "seconds": round(self.seconds, 2),
         }
 
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> FunctionProof:
+        """Read what `to_data` of a function that was proved wrote.
+
+        Raises:
+            KeyError, TypeError, ValueError: if it is something else.
+        """
+        if data["verdict"] != "proved":
+            raise ValueError("no proof")
+        lemmas = data["lemmas"]
+        return cls(
+            str(data["function"]),
+            "proved",
+            instructions=int(data["instructions"]),
+            stack_bytes=int(data["stack_bytes"]),
+            effort=Effort(int(lemmas["exhaustive"]), int(lemmas["solver"]), int(lemmas["known"])),
+            seconds=float(data["seconds"]),
+        )
+
 
 class _NotProved(Exception):  # noqa: N818 - one of the two ways that a proof ends
     """Carries the reason, and where there is one inputs and state to try."""

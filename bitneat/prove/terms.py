@@ -245,6 +245,7 @@ class Terms:
         return self._extracted[key]
 
     def _extract(self, term: Term, low: int, width: int) -> Term:
+        # Bits from the middle of what is no sum stay bits of it: it may turn out to be a cut, of which its parts know nothing.
         match term.op:
             case Op.CONST:
                 return self.const(width, term.params[0] >> low)
@@ -261,11 +262,11 @@ class Terms:
                 narrow = self._extract_of_lin(term, low, width)
                 if narrow is not None:
                     return narrow
-            case Op.AND:
+            case Op.AND if low == 0:
                 return self.bit_and(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.OR:
+            case Op.OR if low == 0:
                 return self.bit_or(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.XOR:
+            case Op.XOR if low == 0:
                 return self.bit_xor(*(self.extract(arg, low, width) for arg in term.args))
             case Op.ITE if low == 0 or (term.args[1].is_const and term.args[2].is_const):
                 condition, then, otherwise = term.args
@@ -678,7 +679,8 @@ def evaluate(term: Term, args: Sequence[Values], atoms: Mapping[Atom, npt.NDArra
         case Op.XOR:
             return args[0] ^ args[1]
         case Op.ITE:
-            return np.where(args[0] != 0, args[1], args[2])
+            chosen: Values = np.where(args[0] != 0, args[1], args[2])
+            return chosen
         case Op.EQ:
             return (args[0] == args[1]).astype(np.uint64)
         case Op.SLT:
@@ -692,7 +694,8 @@ def evaluate(term: Term, args: Sequence[Values], atoms: Mapping[Atom, npt.NDArra
 
 def _signed_values(values: Values, width: int) -> npt.NDArray[np.int64]:
     up = np.uint64(64 - width)
-    return (values << up).view(np.int64) >> np.int64(64 - width)
+    shifted: npt.NDArray[np.int64] = (values << up).view(np.int64) >> np.int64(64 - width)
+    return shifted
 
 
 def signed_values(values: Values, width: int) -> npt.NDArray[np.int64]:
