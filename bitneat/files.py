@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
+
+_TEMPORARY = re.compile(r"\..+\.(\d{1,10})\.[0-9a-f]{8}\.tmp")
+"""Names of temporary files, with the number of the process that writes one."""
 
 
 class FileError(BitneatError):
@@ -48,6 +54,40 @@ def write_json(path: str | os.PathLike[str], data: Any) -> None:
     write_atomic(path, (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it that are missing; what is in them later survives a loss of power.
+
+    Raises:
+        FileError: It cannot be made, or is something else.
+    """
+    missing = [path, *path.parents]
+    missing = missing[: next((i for i, folder in enumerate(missing) if folder.is_dir()), len(missing))]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for folder in missing:  # a synced file is lost all the same where the name of its folder never reached the disk
+            sync_folder(folder.parent)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be made: {error.strerror or error}") from None
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete the temporary files in ``folder`` of processes that died in the middle of `write_atomic`."""
+    with contextlib.suppress(OSError):  # they harm nobody
+        for entry in folder.iterdir():
+            if (match := _TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1])):
+                entry.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
 def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
     """Read the whole of ``path``, which may hold at most ``limit`` bytes, however large it claims to be.
 
@@ -64,6 +104,11 @@ def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
     return content
 
 
+def temporary_name(target: Path) -> Path:
+    """A name beside ``target`` that no other process takes, for what is renamed when it is whole."""
+    return target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
+
+
 def _mode(path: Path) -> int | None:
     try:
         return path.stat().st_mode
@@ -72,7 +117,7 @@ def _mode(path: Path) -> int | None:
 
 
 def _replace(target: Path, content: bytes, mode: int | None) -> None:
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
+    temporary = temporary_name(target)
     try:
         # Not tempfile.mkstemp: its files are private, and a result should obey the umask like any other.
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
@@ -84,14 +129,19 @@ def _replace(target: Path, content: bytes, mode: int | None) -> None:
             os.fsync(file.fileno())
         temporary.replace(target)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # the first error is the one to tell of
+            temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Have the names in ``folder`` on the disk; on file systems that cannot do that, nothing is done."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
     finally:
         os.close(descriptor)

@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bitneat.network import Policy
+
+
+def warn(text: str) -> None:
+    """Say on stderr what a user should know, though the command goes on."""
+    print(f"bitneat: {text}", file=sys.stderr, flush=True)
 
 
 def controller_data(controller: Policy) -> dict[str, Any]:

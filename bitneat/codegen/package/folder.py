@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 from bitneat.codegen.package.files import MANIFEST
 from bitneat.codegen.package.view import PackageError
 from bitneat.errors import BitneatError
-from bitneat.files import read_capped, write_atomic
+from bitneat.files import make_folder, read_capped, sync_folder, temporary_name, write_atomic
 
 MAX_MANIFEST_BYTES = 1 << 20
 
@@ -92,11 +92,12 @@ def _stays_inside(path: str) -> bool:
 
 def _make(folder: Path, files: Mapping[str, str]) -> None:
     target = Path(os.path.realpath(folder))
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
+    temporary = temporary_name(target)
     try:
-        temporary.mkdir()
+        make_folder(temporary)
         _write_all(temporary, files)
         temporary.rename(target)  # an empty folder gives way
+        sync_folder(target.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -111,5 +112,5 @@ def _renew(folder: Path, old: _Manifest, files: Mapping[str, str]) -> None:
 def _write_all(folder: Path, files: Mapping[str, str]) -> None:
     for path, text in files.items():
         target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.parent)
         write_atomic(target, text.encode("ascii"))
