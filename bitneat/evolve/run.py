@@ -141,6 +141,7 @@ class RunFolder:
             raise BitneatError(
                 f"{self.path}: holds a run already; continue it with --resume {self.path}, or give another -o"
             )
+        make_folder(self.path)
         make_folder(self.path / "checkpoints")
         self.save_settings(settings)
 
