@@ -103,9 +103,9 @@ def run(args: argparse.Namespace) -> int:
     )
     if state is not None:
         _restore(where, search, state)
-        remove_leftovers(folder)
     else:
         _create(folder)
+    remove_leftovers(folder)
     evaluator = None
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)

@@ -162,6 +162,15 @@ class RunFolder:
         write_atomic(self._settings_file, seal(settings.to_data(), indent=2))
         write_atomic(self._config_file, settings.config.text.encode())
 
+    def mend(self, settings: RunSettings, search: Search) -> None:
+        """Make good what a process that died after a checkpoint has left undone: files to write, and files to take away."""
+        for folder in (self.path, self.path / "checkpoints"):
+            remove_leftovers(folder)
+        self._drop_old(search.generation)
+        self.save_history(search)
+        if not self._config_file.exists():
+            write_atomic(self._config_file, settings.config.text.encode())
+
     def settings(self) -> RunSettings:
         """What was asked for.
 
@@ -227,7 +236,7 @@ class RunFolder:
         return bool(self._checkpoints())
 
     def save_checkpoint(self, search: Search) -> None:
-        """Write the checkpoint of the generations completed, then drop all but the last two.
+        """Write the checkpoint of the generations completed, then drop all but the one before it.
 
         Raises:
             BitneatError: if it cannot be written, or is larger than what would be read.
@@ -238,8 +247,7 @@ class RunFolder:
         if len(content) > MAX_CHECKPOINT_BYTES:
             raise BitneatError(f"{path}: larger than {MAX_CHECKPOINT_BYTES} bytes; take a smaller population")
         write_atomic(path, content)
-        for _, old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
-            old.unlink(missing_ok=True)
+        self._drop_old(search.generation)
 
     def restore(self, search: Search, begun_at: int = 0) -> None:
         """Bring the search to the last checkpoint that is whole; without one it starts at the beginning.
@@ -257,6 +265,12 @@ class RunFolder:
             raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
         if search.generation != generation:
             raise BitneatError(f"{path}: damaged: holds generation {search.generation}")
+
+    def _drop_old(self, generation: int) -> None:
+        """Delete checkpoints that neither this generation's nor the one that would stand in for it is."""
+        for number, path in self._checkpoints():
+            if number <= generation - CHECKPOINTS_KEPT:
+                path.unlink(missing_ok=True)
 
     def _last(self, begun_at: int) -> tuple[int, Path, Mapping[str, Any]] | None:
         """Generation, path and content of the last checkpoint that is whole; of damaged ones after it the user is told."""
@@ -332,11 +346,9 @@ def carry_on(
     saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
-    for part in (folder.path, folder.path / "checkpoints"):
-        remove_leftovers(part)
     search = searching(folder, settings, info)
     folder.restore(search, settings.begun_at)
-    folder.save_history(search)  # the run may have died between a checkpoint and its history
+    folder.mend(settings, search)
     generations = settings.config["evolve"]["generations"]
     progress.start(search, generations, settings.seconds)
     best: Candidate | None = None
