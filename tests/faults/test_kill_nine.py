@@ -46,7 +46,7 @@ def test_a_run_killed_at_ten_random_moments_ends_byte_identical(tmp_path: Path, 
     assert start(*common, *means, "-o", str(whole)).wait(600) == 0
     took = time.monotonic() - began
     moments, reached = random.Random(SEED), []
-    for number in range(KILLS):
+    for _ in range(KILLS):
         resumed = (killed / "run.json").exists()
         arguments = ["--resume", str(killed)] if resumed else [*common, "-o", str(killed)]
         # The start and a share of the run, on average, so that the kills spread over all of it.
