@@ -70,6 +70,22 @@ def make_folder(path: Path) -> None:
         raise FileError(f"{path}: cannot be made: {error.strerror or error}") from None
 
 
+def refuse_links(folder: Path) -> None:
+    """Refuse a run's folder, which may be a stranger's, if something in it is a link: writing would follow it.
+
+    Raises:
+        FileError: naming the first link.
+    """
+    try:
+        links = sorted(entry for entry in folder.iterdir() if entry.is_symlink())
+    except OSError as error:
+        raise FileError(f"{folder}: cannot read: {error.strerror or error}") from None
+    if links:
+        raise FileError(
+            f"{links[0]}: a link, which writing would follow out of the run's folder; put a file in its place"
+        )
+
+
 def remove_leftovers(folder: Path) -> None:
     """Delete the temporary files in ``folder`` of processes that died in the middle of `write_atomic`."""
     with contextlib.suppress(OSError):  # they harm nobody
@@ -88,13 +104,20 @@ def _alive(process: int) -> bool:
     return True
 
 
-def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
+def read_capped(path: str | os.PathLike[str], limit: int, *, regular: bool = False) -> bytes:
     """Read the whole of ``path``, which may hold at most ``limit`` bytes, however large it claims to be.
+
+    Args:
+        path: of a file that the user named, which may be a pipe.
+        limit: in bytes.
+        regular: refuse what is no regular file, for a path that a stranger's folder has: one would wait for a pipe for ever.
 
     Raises:
         FileError: The file is missing, closed to us, no file, or larger than ``limit``.
     """
     try:
+        if regular and not stat.S_ISREG(Path(path).stat().st_mode):
+            raise FileError(f"{path}: cannot read: not a regular file")
         with Path(path).open("rb") as file:
             content = file.read(limit + 1)
     except OSError as error:

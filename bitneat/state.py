@@ -108,7 +108,7 @@ def read_state(path: Path, expected_format: str, version: int, limit: int) -> Ma
         BitneatError: if it is of another format, or of a later version.
     """
     try:
-        content = read_capped(path, limit)
+        content = read_capped(path, limit, regular=True)
     except BitneatError as error:
         raise DamagedError(str(error)) from None
     data, sealed = _unsealed(content, str(path))
@@ -173,7 +173,7 @@ class StateFile:
     def _keep(self) -> None:
         """Give the present file its second name, without a moment in which it has none."""
         try:
-            content = read_capped(self.path, self._limit)
+            content = read_capped(self.path, self._limit, regular=True)
         except BitneatError:
             return
         if not is_whole(content):  # it must not take the place of the one before

@@ -23,7 +23,7 @@ from bitneat.baselines.method import Method
 from bitneat.baselines.result import BaselineResult
 from bitneat.baselines.settings import METHODS, ArsSettings, PpoSettings, Settings
 from bitneat.errors import BitneatError, MissingExtraError
-from bitneat.files import make_folder, read_capped, remove_leftovers, write_atomic, write_json
+from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
 from bitneat.version import __version__
 
 RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "policy.npz", "result.json", "history.csv"
@@ -95,6 +95,7 @@ def train(
     # Before the folder is made: without the libraries nothing is left behind.
     versions = {"bitneat": __version__, **_versions()}
     if begun:
+        refuse_links(folder)
         remove_leftovers(folder)
     else:
         _begin(folder, run)

@@ -164,11 +164,13 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any],
 
 
 def _load(folder: Path) -> tuple[Path, Mapping[str, Any]]:
+    from bitneat.files import refuse_links
     from bitneat.sim.walker.trigonometry import refuse_other
 
     file = _state_file(folder)
     if not file.exists():
         raise BitneatError(f"--resume {folder}: holds no run of bitneat linear: {_STATE} is missing")
+    refuse_links(folder)
     path, data = file.load(warn)
     try:
         settings = data["settings"]
@@ -196,11 +198,12 @@ def _reason(error: Exception) -> str:
 
 
 def _create(folder: Path) -> None:
-    from bitneat.files import make_folder
+    from bitneat.files import make_folder, refuse_links
 
     if _state_file(folder).exists() or any((folder / name).exists() for name in ("polish.json", "run.json")):
         raise BitneatError(f"{folder}: holds a run already; continue it with --resume, or give another -o")
     make_folder(folder)
+    refuse_links(folder)
 
 
 def _save(file: StateFile, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:

@@ -7,13 +7,15 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from bitneat.cli.columns import printable
+
 if TYPE_CHECKING:
     from bitneat.network import Policy
 
 
 def warn(text: str) -> None:
-    """Say on stderr what a user should know, though the command goes on."""
-    print(f"bitneat: {text}", file=sys.stderr, flush=True)
+    """Say on stderr, in a line, what a user should know though the command goes on."""
+    print("bitneat:", printable(" ".join(text.split("\n"))), file=sys.stderr, flush=True)
 
 
 def controller_data(controller: Policy) -> dict[str, Any]:

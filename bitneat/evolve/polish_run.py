@@ -24,7 +24,7 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.polish import OBJECTIVES, Entry, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
-from bitneat.files import make_folder, remove_leftovers, write_atomic
+from bitneat.files import make_folder, refuse_links, remove_leftovers, write_atomic
 from bitneat.state import StateFile
 from bitneat.version import __version__
 
@@ -138,6 +138,7 @@ class PolishFolder:
         if self.champion_pickle.exists():  # it may be the very one that the run starts from
             raise BitneatError(f"{self.champion_pickle}: exists and would be overwritten; give another -o")
         make_folder(self.path)
+        refuse_links(self.path)
 
     def save(self, settings: PolishSettings, polish: Polish, history: Sequence[Row]) -> None:
         """Write the checkpoint, and what people read."""
@@ -170,6 +171,7 @@ class PolishFolder:
         """
         if not self._state.exists():
             raise BitneatError(f"--resume {self.path}: holds no polishing run: {_STATE} is missing")
+        refuse_links(self.path)
         path, data = self._state.load(self._warn)
         try:
             settings = PolishSettings.from_data(data["settings"])

@@ -38,7 +38,7 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
 from bitneat.evolve.search import Candidate, Generation, Score, Search
-from bitneat.files import make_folder, read_capped, remove_leftovers, write_atomic, write_json
+from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
 from bitneat.network import FloatNetwork
 from bitneat.sim.environment import EnvironmentInfo
 from bitneat.state import DamagedError, read_state, seal
@@ -143,7 +143,13 @@ class RunFolder:
             )
         make_folder(self.path)
         make_folder(self.path / "checkpoints")
+        self._refuse_links()
         self.save_settings(settings)
+
+    def _refuse_links(self) -> None:
+        refuse_links(self.path)
+        if (self.path / "checkpoints").is_dir():
+            refuse_links(self.path / "checkpoints")
 
     def discard(self) -> None:
         """Take away a run that no generation was completed of, so that it can be tried again."""
@@ -180,6 +186,7 @@ class RunFolder:
         path = self._settings_file
         if not path.exists():
             raise BitneatError(f"--resume {self.path}: holds no run: run.json is missing")
+        self._refuse_links()
         data = read_state(path, FORMAT, VERSION, MAX_RUN_BYTES)
         config = self._config(data)
         try:
@@ -440,4 +447,4 @@ def _reason(error: Exception) -> str:
 
 
 def _text(path: Path) -> str:
-    return read_capped(path, MAX_CONFIG_BYTES).decode("utf-8", "replace")
+    return read_capped(path, MAX_CONFIG_BYTES, regular=True).decode("utf-8", "replace")

@@ -68,7 +68,9 @@ def load(path: Path) -> Result:
     Raises:
         BitneatError: if the file is damaged.
     """
-    data = unseal(read_capped(path, _MAX_BYTES), str(path), required=False)  # results of before lack the seal
+    data = unseal(
+        read_capped(path, _MAX_BYTES, regular=True), str(path), required=False
+    )  # results of before lack the seal
     known = {entry.name for entry in fields(Result)}
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT or not set(data) <= known:
         raise BitneatError(f"{path}: expected a result of bitneat reproduce ('format': {FORMAT!r})")

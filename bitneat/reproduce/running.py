@@ -280,7 +280,7 @@ class _Growth:
         """What was kept, generations rising."""
         if not self._path.exists():
             return []
-        data = unseal(read_capped(self._path, _MAX_GROWTH_BYTES), str(self._path), required=False)
+        data = unseal(read_capped(self._path, _MAX_GROWTH_BYTES, regular=True), str(self._path), required=False)
         kept = data.get("snapshots") if isinstance(data, dict) else data  # before there was a seal, the list alone
         if not isinstance(kept, list) or not all(_is_snapshot(entry) for entry in kept):
             raise BitneatError(f"{self._path}: damaged: expected snapshots; remove {self._path.parent} to run it again")

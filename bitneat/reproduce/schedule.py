@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
-from bitneat.files import make_folder
+from bitneat.files import make_folder, refuse_links
 from bitneat.orphans import end_with_parent
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
@@ -60,6 +60,7 @@ def run_all(
         BitneatError: if a job fails, or a result in ``folder`` is that of another experiment.
     """
     make_folder(folder / "results")
+    refuse_links(folder / "results")
     results = load_all(folder / "results")
     _refuse_others(jobs, folder, results)
     waiting = [job for job in jobs if job.name not in results]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -102,7 +102,20 @@ def _make(folder: Path, files: Mapping[str, str]) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def _refuse_links(folder: Path, paths: Iterable[str]) -> None:
+    """A link in a stranger's package would have us write, or delete, elsewhere."""
+    for path in paths:
+        below = folder
+        for part in PurePosixPath(path).parts:
+            below /= part
+            if below.is_symlink():
+                raise PackageError(
+                    f"{below}: a link, which leads out of the package; put a file or folder in its place"
+                )
+
+
 def _renew(folder: Path, old: _Manifest, files: Mapping[str, str]) -> None:
+    _refuse_links(folder, (*files, *old.files))
     _write_all(folder, files)
     for path in old.files:
         if path not in files:
