@@ -75,7 +75,7 @@ JSONS: dict[str, bytes] = {
     "an integer of a million digits": b'{"format": "bitneat-champion", "version": ' + b"9" * 1_000_000 + b"}",
     "a huge exponent": b'{"format": "bitneat-champion", "version": 1e999999999}',
     "half of a surrogate pair": b'{"format": "bitneat-champion", "\\ud800": 1}',
-    "a million keys": ("{" + ",".join(f'"{i}":0' for i in range(1_000_000)) + "}").encode(),
+    "hundreds of thousands of keys": ("{" + ",".join(f'"{i}":0' for i in range(300_000)) + "}").encode(),
     "a million empty lists": (_JSON_HEAD + "[" + "[]," * 1_000_000 + "[]]}").encode(),
     "bytes that are no text": b'{"format": "\xff\xfe"}',
     "NUL": b'{"format": "bitneat-champion\\u0000"}',

@@ -94,7 +94,7 @@ def _make(folder: Path, files: Mapping[str, str]) -> None:
     target = Path(os.path.realpath(folder))
     temporary = temporary_name(target)
     try:
-        make_folder(temporary)
+        temporary.mkdir()
         _write_all(temporary, files)
         temporary.rename(target)  # an empty folder gives way
         sync_folder(target.parent)
