@@ -273,7 +273,7 @@ def _drop_unused(folder: Path) -> None:
     """Delete libraries, and what killed builds left, that nothing has asked for in a month."""
     oldest = time.time() - _UNUSED_AFTER_SECONDS
     for path in folder.iterdir():
-        if path.suffix not in (".so", ".tmp"):
+        if path.suffix not in (".so", ".tmp", ".bin"):
             continue
         with suppress(OSError):  # another process may be quicker
             if path.stat().st_mtime < oldest:
