@@ -33,7 +33,8 @@ EXAMPLE = """\
   bitneat linear -o start                                  BipedalWalker-v3
   bitneat polish start/champion.pkl -o better"""
 FILES = """\
-  RUN/             written: linear.json (the checkpoint), champion.pkl,
+  RUN/             written: linear.json (the checkpoint) and
+                   linear-previous.json (the one before), champion.pkl,
                    champion.json"""
 
 DEFAULT_GENERATIONS = 200

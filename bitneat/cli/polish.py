@@ -30,7 +30,8 @@ EXAMPLE = """\
   bitneat polish --resume tiny --generations 500"""
 FILES = """\
   CHAMPION         read: champion.pkl or champion.json, one or more
-  RUN/             written: polish.json (the checkpoint), history.csv, front.csv,
+  RUN/             written: polish.json (the checkpoint) and
+                   polish-previous.json (the one before), history.csv, front.csv,
                    champion.pkl, champion.json"""
 
 DEFAULT_GENERATIONS = 200

@@ -33,7 +33,7 @@ from bitneat.champion import (
 )
 from bitneat.controller import Controller
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config, parse
+from bitneat.evolve.config import MAX_CONFIG_BYTES, Config, parse
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
@@ -52,7 +52,6 @@ CHECKPOINTS_KEPT = 2
 MAX_SEED = 1 << 4096
 MAX_RUN_BYTES = 1 << 26
 MAX_CHECKPOINT_BYTES = 1 << 28
-MAX_CONFIG_BYTES = 1 << 20
 
 _TRIGONOMETRY = re.compile(r"[0-9a-f]{16}")
 _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
