@@ -29,7 +29,7 @@ from tests.faults.warm import tree
 
 SAMPLE = 80
 """Of the cuts, and of the flips, of each file; the long test has them all, up to `MOST`."""
-MOST = 20_000
+MOST = 5_000
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 
 from bitneat.cli.main import main
+from bitneat.errors import BitneatError
+from bitneat.report.page.history import read_history
 from tests.faults.scenarios import TINY
 from tests.hostile import files
 from tests.hostile.confined import confined
@@ -226,3 +228,31 @@ def test_a_run_imports_and_makes_nothing_that_the_user_did_not_name(
     data = json.loads((run / "run.json").read_text())
     (run / "run.json").write_text(sealed({**data, **change}))
     assert message in refused(folder, ["evolve", "--resume", "run", "--workers", "1"], "")
+
+
+@pytest.mark.parametrize("name", ["history.csv", "front.csv", "checkpoints/generation-000001.json"])
+@pytest.mark.parametrize("content", [b"\x00", b"[" * 1_000_000, b'"', None])
+def test_a_report_does_not_wait_for_or_choke_on_a_strangers_run(
+    tmp_path: Path, half_run: Path, name: str, content: bytes | None
+) -> None:
+    shutil.copytree(half_run, tmp_path, dirs_exist_ok=True)
+    (tmp_path / name).unlink(missing_ok=True)
+    if content is None:
+        os.mkfifo(tmp_path / name)
+    else:
+        (tmp_path / name).write_bytes(content)
+    try:
+        read_history(tmp_path)
+    except BitneatError as error:
+        assert str(error).startswith(f"{tmp_path / name}: ")
+        assert "\n" not in str(error)
+    else:
+        assert content in (b"\x00", b'"')  # a table with one column of a strange name
+
+
+def test_a_figure_does_not_wait_for_a_pipe(folder: Path) -> None:
+    (folder / "run").mkdir()
+    os.mkfifo(folder / "run" / "champion.pkl")
+    ended = confined(["plot", "pareto", "run", "-o", "out.svg"], folder)
+    assert ended.status == 2
+    assert ended.errors.count("\n") == 1
