@@ -38,7 +38,15 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
 from bitneat.evolve.search import Candidate, Generation, Score, Search
-from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
+from bitneat.files import (
+    make_folder,
+    read_capped,
+    refuse_links,
+    remove_leftovers,
+    sync_folder,
+    write_atomic,
+    write_json,
+)
 from bitneat.network import FloatNetwork
 from bitneat.sim.environment import EnvironmentInfo
 from bitneat.state import DamagedError, read_state, seal
@@ -163,7 +171,9 @@ class RunFolder:
 
         ``config.ini`` is away while ``run.json`` changes: the two never disagree, wherever this is cut short.
         """
-        self._config_file.unlink(missing_ok=True)
+        if self._config_file.exists():
+            self._config_file.unlink()
+            sync_folder(self.path)
         write_atomic(self._settings_file, seal(settings.to_data(), indent=2))
         write_atomic(self._config_file, settings.config.text.encode())
 

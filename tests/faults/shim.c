@@ -47,7 +47,8 @@ static int watched(const char *path)
 {
     if (root_length == 0)
         return 0;
-    return path[0] != '/' || (strncmp(path, root, root_length) == 0 && (path[root_length] == '/' || path[root_length] == 0));
+    return path[0] != '/' ||
+           (strncmp(path, root, root_length) == 0 && (path[root_length] == '/' || path[root_length] == 0));
 }
 
 static int watched_fd(int fd, char path[PATH_MAX])
@@ -108,10 +109,10 @@ static int hit(const char *call, const char *path, const char *other)
     return 0;
 }
 
-#define REAL(result, name, ...)                             \
-    static result (*real)(__VA_ARGS__);                     \
-    if (!real)                                              \
-        real = (result(*)(__VA_ARGS__))dlsym(RTLD_NEXT, #name)
+#define REAL(result, name, ...)                                                                                        \
+    static result (*real)(__VA_ARGS__);                                                                                \
+    if (!real)                                                                                                         \
+    real = (result (*)(__VA_ARGS__))dlsym(RTLD_NEXT, #name)
 
 ssize_t write(int fd, const void *data, size_t size)
 {
@@ -137,12 +138,12 @@ ssize_t write(int fd, const void *data, size_t size)
 
 /* A file without a name is of no interest. */
 #define WRITES(flags) (((flags) & (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC)) != 0 && ((flags) & O_TMPFILE) != O_TMPFILE)
-#define MODE_OF(flags, value)                               \
-    if ((flags) & (O_CREAT | O_TMPFILE)) {                  \
-        va_list list;                                       \
-        va_start(list, flags);                              \
-        value = va_arg(list, mode_t);                       \
-        va_end(list);                                       \
+#define MODE_OF(flags, value)                                                                                          \
+    if ((flags) & (O_CREAT | O_TMPFILE)) {                                                                             \
+        va_list list;                                                                                                  \
+        va_start(list, flags);                                                                                         \
+        value = va_arg(list, mode_t);                                                                                  \
+        va_end(list);                                                                                                  \
     }
 
 static const char *open_kind(int flags)
@@ -150,62 +151,62 @@ static const char *open_kind(int flags)
     return flags & O_EXCL ? "create" : flags & O_TRUNC ? "truncate" : "open";
 }
 
-#define DEFINE_OPEN(name)                                                       \
-    int name(const char *path, int flags, ...)                                  \
-    {                                                                           \
-        mode_t value = 0;                                                       \
-        REAL(int, name, const char *, int, ...);                                \
-        MODE_OF(flags, value)                                                   \
-        if (WRITES(flags) && watched(path) && hit(open_kind(flags), path, ""))  \
-            return -1;                                                          \
-        return real(path, flags, value);                                        \
+#define DEFINE_OPEN(name)                                                                                              \
+    int name(const char *path, int flags, ...)                                                                         \
+    {                                                                                                                  \
+        mode_t value = 0;                                                                                              \
+        REAL(int, name, const char *, int, ...);                                                                       \
+        MODE_OF(flags, value)                                                                                          \
+        if (WRITES(flags) && watched(path) && hit(open_kind(flags), path, ""))                                         \
+            return -1;                                                                                                 \
+        return real(path, flags, value);                                                                               \
     }
 DEFINE_OPEN(open)
 DEFINE_OPEN(open64)
 
-#define DEFINE_OPENAT(name)                                                     \
-    int name(int folder, const char *path, int flags, ...)                      \
-    {                                                                           \
-        mode_t value = 0;                                                       \
-        REAL(int, name, int, const char *, int, ...);                           \
-        MODE_OF(flags, value)                                                   \
-        if (WRITES(flags) && watched(path) && hit(open_kind(flags), path, ""))  \
-            return -1;                                                          \
-        return real(folder, path, flags, value);                                \
+#define DEFINE_OPENAT(name)                                                                                            \
+    int name(int folder, const char *path, int flags, ...)                                                             \
+    {                                                                                                                  \
+        mode_t value = 0;                                                                                              \
+        REAL(int, name, int, const char *, int, ...);                                                                  \
+        MODE_OF(flags, value)                                                                                          \
+        if (WRITES(flags) && watched(path) && hit(open_kind(flags), path, ""))                                         \
+            return -1;                                                                                                 \
+        return real(folder, path, flags, value);                                                                       \
     }
 DEFINE_OPENAT(openat)
 DEFINE_OPENAT(openat64)
 
-#define DEFINE_FD(name)                                                         \
-    int name(int fd)                                                            \
-    {                                                                           \
-        char path[PATH_MAX];                                                    \
-        REAL(int, name, int);                                                   \
-        if (watched_fd(fd, path) && hit("fsync", path, ""))                     \
-            return -1;                                                          \
-        return real(fd);                                                        \
+#define DEFINE_FD(name)                                                                                                \
+    int name(int fd)                                                                                                   \
+    {                                                                                                                  \
+        char path[PATH_MAX];                                                                                           \
+        REAL(int, name, int);                                                                                          \
+        if (watched_fd(fd, path) && hit("fsync", path, ""))                                                            \
+            return -1;                                                                                                 \
+        return real(fd);                                                                                               \
     }
 DEFINE_FD(fsync)
 DEFINE_FD(fdatasync)
 
-#define DEFINE_PATH(name)                                                       \
-    int name(const char *path)                                                  \
-    {                                                                           \
-        REAL(int, name, const char *);                                          \
-        if (watched(path) && hit(#name, path, ""))                              \
-            return -1;                                                          \
-        return real(path);                                                      \
+#define DEFINE_PATH(name)                                                                                              \
+    int name(const char *path)                                                                                         \
+    {                                                                                                                  \
+        REAL(int, name, const char *);                                                                                 \
+        if (watched(path) && hit(#name, path, ""))                                                                     \
+            return -1;                                                                                                 \
+        return real(path);                                                                                             \
     }
 DEFINE_PATH(unlink)
 DEFINE_PATH(rmdir)
 
-#define DEFINE_TWO(name)                                                        \
-    int name(const char *path, const char *other)                               \
-    {                                                                           \
-        REAL(int, name, const char *, const char *);                            \
-        if (watched(other) && hit(#name, path, other))                          \
-            return -1;                                                          \
-        return real(path, other);                                               \
+#define DEFINE_TWO(name)                                                                                               \
+    int name(const char *path, const char *other)                                                                      \
+    {                                                                                                                  \
+        REAL(int, name, const char *, const char *);                                                                   \
+        if (watched(other) && hit(#name, path, other))                                                                 \
+            return -1;                                                                                                 \
+        return real(path, other);                                                                                      \
     }
 DEFINE_TWO(rename)
 DEFINE_TWO(link)
