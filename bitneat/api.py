@@ -161,7 +161,8 @@ def evolve(
         settings = settings.with_values("evolve", generations=generations)
     if seconds is not None and not (isinstance(seconds, int | float) and 0 < seconds < float("inf")):
         raise BitneatError(f"seconds: {seconds!r:.40}: expected a number above 0")
-    folder = RunFolder(Path(output) if output is not None else Path("runs") / f"{spec.id.replace('/', '-')}-{seed}")
+    path = Path(output) if output is not None else Path("runs") / f"{spec.id.replace('/', '-')}-{seed}"
+    folder = RunFolder(path, _warn)
     controllers: tuple[Controller, ...] = ()
     if start is not None:
         settings, controllers = starting_point(start, settings, inspect(spec), "start")
@@ -192,7 +193,7 @@ def resume(
     from bitneat.evolve.run import RunFolder
     from bitneat.sim.walker.trigonometry import refuse_other
 
-    runs = RunFolder(Path(folder))
+    runs = RunFolder(Path(folder), _warn)
     settings = runs.settings()
     refuse_other(settings.trigonometry, str(runs.path / "run.json"))
     return _carry_on(runs, settings, _Means(workers, simulator, evaluator, progress), new=False)
@@ -235,7 +236,7 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
     except SimulatorsDifferError:
         raise  # the folder stays, to go on with simulator="gymnasium"
     except Exception:
-        if new and folder.generations() == 0:  # it would be in the way of another try
+        if new and not folder.is_begun:  # it would be in the way of another try
             folder.discard()
         raise
     finally:

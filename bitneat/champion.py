@@ -7,6 +7,7 @@ A pickle can run code when Python loads it, so Python never does: `bitneat.unpic
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
@@ -28,6 +29,8 @@ VERSION = 1
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_VALUES = 1_000_000
 MAX_INTEGER_BITS = 1024
+CHECKSUM = "content_sha256"
+"""Key of a file's hash of all the others, by which a damaged file is known; files of before it, and others', lack it."""
 
 
 class ChampionError(BitneatError):
@@ -126,8 +129,12 @@ def any_from_data(data: object) -> AnyChampion:
     for key in sorted(expected - set(data)):
         raise ChampionError(f"missing key {key!r}")
     for key in data:
-        if key not in expected:
+        if key not in expected and key != CHECKSUM:
             raise ChampionError(f"unknown key {key!r:.60}")
+    if CHECKSUM in data and data[CHECKSUM] != checksum({key: data[key] for key in expected}):
+        raise ChampionError(
+            f"damaged: its content has another SHA-256 than {CHECKSUM} says; if you edited it, remove that key"
+        )
     if not isinstance(data["provenance"], Mapping):
         raise ChampionError("provenance: expected a mapping")
     environment = None if data["environment"] is None else environment_from_data(data["environment"])
@@ -211,7 +218,7 @@ def _plain(content: bytes) -> Any:
 
 def dumps(champion: AnyChampion) -> str:
     """The champion as JSON text, ended by a newline."""
-    return json.dumps(plain_data(champion.to_data()), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
+    return json.dumps(_with_checksum(champion), indent=1, ensure_ascii=True, allow_nan=False) + "\n"
 
 
 def dump_pickle(champion: AnyChampion) -> bytes:
@@ -220,8 +227,19 @@ def dump_pickle(champion: AnyChampion) -> bytes:
     pickler = pickle.Pickler(buffer, protocol=4)
     # Without its memo a pickle does not tell equal strings from identical ones.
     pickler.fast = True
-    pickler.dump(plain_data(champion.to_data()))
+    pickler.dump(_with_checksum(champion))
     return buffer.getvalue()
+
+
+def checksum(data: Mapping[str, Any]) -> str:
+    """SHA-256 of a champion's plain data, as compact JSON in ASCII with sorted keys: the same for both forms of a file."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _with_checksum(champion: AnyChampion) -> dict[str, Any]:
+    data: dict[str, Any] = plain_data(champion.to_data())
+    return {**data, CHECKSUM: checksum(data)}
 
 
 def save_pickle(champion: AnyChampion, path: str | Path) -> None:

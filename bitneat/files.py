@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
+
+_TEMPORARY = re.compile(r"\..+\.(\d{1,10})\.[0-9a-f]{8}\.tmp")
+"""Names of temporary files, with the number of the process that writes one."""
 
 
 class FileError(BitneatError):
@@ -48,13 +54,70 @@ def write_json(path: str | os.PathLike[str], data: Any) -> None:
     write_atomic(path, (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it that are missing; what is in them later survives a loss of power.
+
+    Raises:
+        FileError: It cannot be made, or is something else.
+    """
+    missing = [path, *path.parents]
+    missing = missing[: next((i for i, folder in enumerate(missing) if folder.is_dir()), len(missing))]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for folder in missing:  # a synced file is lost all the same where the name of its folder never reached the disk
+            sync_folder(folder.parent)
+    except OSError as error:
+        raise FileError(f"{path}: cannot be made: {error.strerror or error}") from None
+
+
+def refuse_links(folder: Path) -> None:
+    """Refuse a run's folder, which may be a stranger's, if something in it is a link: writing would follow it.
+
+    Raises:
+        FileError: naming the first link.
+    """
+    try:
+        links = sorted(entry for entry in folder.iterdir() if entry.is_symlink())
+    except OSError as error:
+        raise FileError(f"{folder}: cannot read: {error.strerror or error}") from None
+    if links:
+        raise FileError(
+            f"{links[0]}: a link, which writing would follow out of the run's folder; put a file in its place"
+        )
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete the temporary files in ``folder`` of processes that died in the middle of `write_atomic`."""
+    with contextlib.suppress(OSError):  # they harm nobody
+        for entry in folder.iterdir():
+            if (match := _TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1])):
+                entry.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def read_capped(path: str | os.PathLike[str], limit: int, *, regular: bool = False) -> bytes:
     """Read the whole of ``path``, which may hold at most ``limit`` bytes, however large it claims to be.
+
+    Args:
+        path: of a file that the user named, which may be a pipe.
+        limit: in bytes.
+        regular: refuse what is no regular file, for a path that a stranger's folder has: one would wait for a pipe for ever.
 
     Raises:
         FileError: The file is missing, closed to us, no file, or larger than ``limit``.
     """
     try:
+        if regular and not stat.S_ISREG(Path(path).stat().st_mode):
+            raise FileError(f"{path}: cannot read: not a regular file")
         with Path(path).open("rb") as file:
             content = file.read(limit + 1)
     except OSError as error:
@@ -62,6 +125,11 @@ def read_capped(path: str | os.PathLike[str], limit: int) -> bytes:
     if len(content) > limit:
         raise FileError(f"{path}: larger than {limit} bytes, the most that is read of such a file")
     return content
+
+
+def temporary_name(target: Path) -> Path:
+    """A name beside ``target`` that no other process takes, for what is renamed when it is whole."""
+    return target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
 
 
 def _mode(path: Path) -> int | None:
@@ -72,7 +140,7 @@ def _mode(path: Path) -> int | None:
 
 
 def _replace(target: Path, content: bytes, mode: int | None) -> None:
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
+    temporary = temporary_name(target)
     try:
         # Not tempfile.mkstemp: its files are private, and a result should obey the umask like any other.
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
@@ -84,14 +152,19 @@ def _replace(target: Path, content: bytes, mode: int | None) -> None:
             os.fsync(file.fileno())
         temporary.replace(target)
     except BaseException:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # the first error is the one to tell of
+            temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Have the names in ``folder`` on the disk; on file systems that cannot do that, nothing is done."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
     finally:
         os.close(descriptor)

@@ -35,6 +35,7 @@ RULES = (
     Rule("bitneat.controller", only=("bitneat.controller", "bitneat.errors", "bitneat.version")),
     Rule("bitneat.native", only=("bitneat.native", "bitneat.errors", "bitneat.version")),
     Rule("bitneat.files", only=("bitneat.files", "bitneat.errors", "bitneat.version")),
+    Rule("bitneat.state", only=("bitneat.state", "bitneat.files", "bitneat.errors", "bitneat.version")),
     Rule("bitneat.codegen", never=("neat", "gymnasium", "bitneat.evolve", "bitneat.sim", "bitneat.cli")),
     Rule("bitneat.verify", never=("neat", "bitneat.evolve", "bitneat.cli")),
     Rule("bitneat.sim", never=("neat", "bitneat.evolve", "bitneat.codegen", "bitneat.verify", "bitneat.cli")),

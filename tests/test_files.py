@@ -2,11 +2,23 @@
 import errno
 import json
 import os
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from bitneat.files import FileError, read_capped, write_atomic, write_json
+from bitneat import files
+from bitneat.files import (
+    FileError,
+    make_folder,
+    read_capped,
+    refuse_links,
+    remove_leftovers,
+    write_atomic,
+    write_json,
+)
 
 
 def test_a_written_file_holds_the_content_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -101,3 +113,59 @@ def test_a_read_stops_at_its_limit(tmp_path: Path) -> None:
         read_capped("/dev/zero", 10)
     with pytest.raises(FileError, match=r"b: cannot read: No such file"):
         read_capped(tmp_path / "b", 4)
+
+
+def test_a_folder_is_made_with_those_above_it_and_their_names_are_synced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[Path] = []
+    monkeypatch.setattr(files, "sync_folder", synced.append)
+    make_folder(tmp_path / "a" / "b")
+    assert (tmp_path / "a" / "b").is_dir()
+    assert synced == [tmp_path / "a", tmp_path]
+    make_folder(tmp_path / "a" / "b")
+    assert len(synced) == 2
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match=r"file/a: cannot be made: Not a directory"):
+        make_folder(tmp_path / "file" / "a")
+
+
+def test_temporary_files_of_the_dead_are_taken_away_and_no_others(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    kept = [f".a.json.{os.getpid()}.0123abcd.tmp", "a.tmp", ".a.tmp", ".a.7.0123abcg.tmp", "a.json"]
+    for name in (*kept, f".a.json.{dead.pid}.0123abcd.tmp", f".a.{10**10 - 1}.0123abcd.tmp"):
+        (tmp_path / name).touch()
+    remove_leftovers(tmp_path)
+    assert sorted(os.listdir(tmp_path)) == sorted(kept)
+    remove_leftovers(tmp_path / "missing")
+
+
+def test_a_pipe_is_not_waited_for_where_a_file_should_be(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileError, match=r"pipe: cannot read: not a regular file"):
+        read_capped(tmp_path / "pipe", 5, regular=True)
+    with pytest.raises(FileError, match=r"none: cannot read: No such file"):
+        read_capped(tmp_path / "none", 5, regular=True)
+
+
+def test_the_first_error_is_told_even_if_the_temporary_file_stays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(code: int) -> Callable[..., None]:
+        def fail(*arguments: object, **options: object) -> None:
+            raise OSError(code, os.strerror(code))
+
+        return fail
+
+    monkeypatch.setattr(os, "fsync", fails(errno.ENOSPC))
+    monkeypatch.setattr(Path, "unlink", fails(errno.EIO))
+    with pytest.raises(FileError, match="No space left on device"):
+        write_atomic(tmp_path / "a", b"")
+
+
+def test_links_in_a_folder_are_refused(tmp_path: Path) -> None:
+    refuse_links(tmp_path)
+    (tmp_path / "b").symlink_to("nowhere")
+    with pytest.raises(FileError, match=r"/b: a link, which writing would follow"):
+        refuse_links(tmp_path)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from bitneat.errors import BitneatError
 from bitneat.network import FloatNetwork, FloatNode
+from bitneat.policy.arrays import read_arrays
 
 Floats = npt.NDArray[np.float32]
 
@@ -98,10 +99,9 @@ def dense_from_npz(content: bytes, hidden: str, clipped: bool) -> DenseNetwork:
         BitneatError: if it is no such file, or its shapes do not fit.
     """
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except Exception as error:  # NumPy raises what it likes at a damaged file
-        raise BitneatError(f"not an .npz file of arrays: {type(error).__name__}") from None
+        arrays = read_arrays(content)
+    except BitneatError as error:
+        raise BitneatError(f"not an .npz file of arrays: {error}") from None
     layers = len(arrays) // 2
     names = {f"{kind}{index}" for kind in "Wb" for index in range(1, layers + 1)}
     if not layers or set(arrays) != names or any(array.dtype != np.float32 for array in arrays.values()):

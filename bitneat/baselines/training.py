@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import json
 import random
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -22,7 +23,7 @@ from bitneat.baselines.method import Method
 from bitneat.baselines.result import BaselineResult
 from bitneat.baselines.settings import METHODS, ArsSettings, PpoSettings, Settings
 from bitneat.errors import BitneatError, MissingExtraError
-from bitneat.files import read_capped, write_atomic, write_json
+from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
 from bitneat.version import __version__
 
 RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "policy.npz", "result.json", "history.csv"
@@ -93,7 +94,10 @@ def train(
         return load_result(folder)
     # Before the folder is made: without the libraries nothing is left behind.
     versions = {"bitneat": __version__, **_versions()}
-    if not begun:
+    if begun:
+        refuse_links(folder)
+        remove_leftovers(folder)
+    else:
         _begin(folder, run)
     with _isolated():
         return _train(run, settings, folder, progress or (lambda _: None), versions)
@@ -253,10 +257,7 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
 
 
 def _begin(folder: Path, run: dict[str, Any]) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    make_folder(folder)
     write_json(folder / RUN, run)
 
 
@@ -274,8 +275,13 @@ def _restore(path: Path, method: Method) -> list[Any]:
     if not path.exists():
         return []
     try:
+        content = io.BytesIO(read_capped(path, _CAP))
+        with zipfile.ZipFile(content) as archive:  # torch is built to skip the checksums in it
+            bad = archive.testzip()
+        if bad is not None:
+            raise BitneatError(f"{path}: damaged: {bad!r:.80} has another checksum; remove it to begin anew")
         # Nothing in the file is run: it holds tensors and plain data alone.
-        data = torch.load(io.BytesIO(read_capped(path, _CAP)), weights_only=True)
+        data = torch.load(content, weights_only=True)
         method.restore(data["state"])
         return list(data["rows"])
     except BitneatError:

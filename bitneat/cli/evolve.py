@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.outcome import controller_data, print_champion
+from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -117,10 +117,10 @@ def run(args: argparse.Namespace) -> int:
     if args.resume is None:
         settings = _new_settings(args)
         path = args.output or Path("runs") / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
-        folder = RunFolder(path)
+        folder = RunFolder(path, warn)
     else:
         _refuse_other_settings(args)
-        folder = RunFolder(args.resume)
+        folder = RunFolder(args.resume, warn)
         settings = _resumed_settings(args, folder)
     outcome = _evolve(args, folder, settings)
     if args.output is None and args.resume is None:
@@ -164,7 +164,7 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
         # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
-        folder.restore(searching(folder, settings, info))
+        folder.restore(searching(folder, settings, info), settings.begun_at)
         folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
@@ -180,7 +180,7 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         raise  # the folder stays even without a checkpoint, for --resume with the other simulator
     except Exception:
         # What fails before the first checkpoint will fail again, and its folder would be in the way of another try.
-        if args.resume is None and folder.generations() == 0:
+        if args.resume is None and not folder.is_begun:
             folder.discard()
         raise
     finally:
@@ -200,7 +200,7 @@ def _evaluator(
     cluster = RayEvaluator(
         spec, info.action, max_steps,
         simulator=simulator, address=args.ray_address, workers=args.workers,
-        warn=lambda text: print(f"bitneat: {text}", file=sys.stderr),
+        warn=warn,
     )  # fmt: skip
     return cluster, recheck_for(simulator, spec, info, max_steps)
 
@@ -259,7 +259,7 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
     settings = folder.settings()
     refuse_other(settings.trigonometry, str(folder.path / "run.json"))
     if args.config is not None:
-        stage = Stage(folder.generations(), settings.config.text)
+        stage = Stage(folder.generations(settings.begun_at), settings.config.text)
         settings = replace(
             settings, config=_as_begun(args.config, load(args.config), settings), earlier=(*settings.earlier, stage)
         )
@@ -268,7 +268,7 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
         if args.config is not None and before and before["evolve"][key] != settings.config["evolve"][key]:
             raise BitneatError(f"--config {args.config}: [evolve] {key}: a run that has begun keeps its linear start")
     config = _with_generations(settings.config, args.generations)
-    done, wanted = folder.generations(), config["evolve"]["generations"]
+    done, wanted = folder.generations(settings.begun_at), config["evolve"]["generations"]
     if wanted < done and (args.config, args.generations) != (None, None):
         raise BitneatError(
             f"--resume {folder.path}: has completed {done} generations, more than the {wanted} asked for"

@@ -6,11 +6,12 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.outcome import controller_data, print_champion
+from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bitneat.evolve.linear import LinearRow, LinearSearch
     from bitneat.evolve.recheck import Recheck
     from bitneat.sim.environment import EnvironmentInfo
+    from bitneat.state import StateFile
 
 HELP = "find a linear policy, and write it as a ternary champion to polish"
 DESCRIPTION = """\
@@ -31,7 +33,8 @@ EXAMPLE = """\
   bitneat linear -o start                                  BipedalWalker-v3
   bitneat polish start/champion.pkl -o better"""
 FILES = """\
-  RUN/             written: linear.json (the checkpoint), champion.pkl,
+  RUN/             written: linear.json (the checkpoint) and
+                   linear-previous.json (the one before), champion.pkl,
                    champion.json"""
 
 DEFAULT_GENERATIONS = 200
@@ -41,7 +44,9 @@ _FALL = -100.0
 _RESOLUTIONS = (1, 2, 3, 4)
 _SELECTION_EPISODES = 64
 _REPORT_EPISODES = 100
-_FORMAT, _VERSION = "bitneat-linear", 1
+_FORMAT, _VERSION = "bitneat-linear", 2
+"""Of the checkpoint; version 1 had no hash, and is read, too."""
+_MAX_BYTES = 1 << 26
 _STATE = "linear.json"
 _FRAC_BITS = 8
 
@@ -74,12 +79,14 @@ def run(args: argparse.Namespace) -> int:
     """Search, and leave the best of the ternary roundings in the run folder."""
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.linear import LinearSearch
+    from bitneat.files import remove_leftovers
     from bitneat.sim import bipedal
     from bitneat.sim.environment import allow_imports, inspect
 
     allow_imports(args.imports or ())
-    settings, state, history = _settings(args)
+    settings, state, history, where = _settings(args)
     folder: Path = args.resume or args.output or Path("runs") / f"linear-{settings['seed']}"
+    file = _state_file(folder)
     spec = EnvironmentSpec(settings["env"], {}, tuple(args.imports or ()))
     info = inspect(spec)
     if info.max_steps is None:
@@ -96,16 +103,17 @@ def run(args: argparse.Namespace) -> int:
         walks_at=_WALKS_AT if walker else math.inf,
     )
     if state is not None:
-        _restore(folder, search, state)
+        _restore(where, search, state)
     else:
         _create(folder)
+    remove_leftovers(folder)
     evaluator = None
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
         while search.generation < settings["generations"]:
             row = search.advance(evaluator)
             history.append(list(vars(row).values()))
-            _save(folder, settings, search, history)
+            _save(file, settings, search, history)
             _tell(row)
         summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
     except KeyboardInterrupt as stop:
@@ -130,8 +138,14 @@ def _inputs(info: EnvironmentInfo) -> tuple[Input, ...]:
     return one_limit(default_inputs(info, _FRAC_BITS))
 
 
-def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any]]:
-    """What is asked for, and, of a resumed run, where it stands and its history."""
+def _state_file(folder: Path) -> StateFile:
+    from bitneat.state import StateFile
+
+    return StateFile(folder / _STATE, _FORMAT, _VERSION, _MAX_BYTES)
+
+
+def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any], Path]:
+    """What is asked for, and, of a resumed run, where it stands, its history and the file that they are from."""
     if args.resume is None:
         settings = {
             "env": args.env or "BipedalWalker-v3",
@@ -139,30 +153,27 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any]]
             "population": args.pop or 64,
             "generations": args.generations or DEFAULT_GENERATIONS,
         }
-        return settings, None, []
+        return settings, None, [], Path()
     for option, value in {"--env": args.env, "--seed": args.seed, "--pop": args.pop, "-o": args.output}.items():
         if value is not None:
             raise BitneatError(f"{option}: not with --resume, which takes it from the run")
-    data = _load(args.resume)
+    where, data = _load(args.resume)
     settings = data["settings"]
     if args.generations is not None:
         settings["generations"] = args.generations
-    return settings, data["search"], data["history"]
+    return settings, data["search"], data["history"], where
 
 
-def _load(folder: Path) -> dict[str, Any]:
-    import json
-
-    from bitneat.files import read_capped
+def _load(folder: Path) -> tuple[Path, Mapping[str, Any]]:
+    from bitneat.files import refuse_links
     from bitneat.sim.walker.trigonometry import refuse_other
 
-    path = folder / _STATE
-    if not path.exists():
+    file = _state_file(folder)
+    if not file.exists():
         raise BitneatError(f"--resume {folder}: holds no run of bitneat linear: {_STATE} is missing")
+    refuse_links(folder)
+    path, data = file.load(warn)
     try:
-        data: dict[str, Any] = json.loads(read_capped(path, 1 << 28))
-        if (data["format"], data["version"]) != (_FORMAT, _VERSION):
-            raise BitneatError(f"expected {_FORMAT} version {_VERSION}")
         settings = data["settings"]
         numbers = [settings[key] for key in ("seed", "population", "generations")]
         if type(settings["env"]) is not str or any(type(n) is not int or n < 0 for n in numbers) or numbers[1] < 4:
@@ -173,14 +184,14 @@ def _load(folder: Path) -> dict[str, Any]:
     except Exception as error:  # the file may be anyone's
         raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
     refuse_other(trigonometry, str(path))
-    return data
+    return path, data
 
 
-def _restore(folder: Path, search: LinearSearch, state: Any) -> None:
+def _restore(path: Path, search: LinearSearch, state: Any) -> None:
     try:
         search.restore(state)
     except Exception as error:  # the file may be anyone's
-        raise BitneatError(f"{folder / _STATE}: damaged: {_reason(error)}") from None
+        raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
 
 
 def _reason(error: Exception) -> str:
@@ -188,31 +199,26 @@ def _reason(error: Exception) -> str:
 
 
 def _create(folder: Path) -> None:
-    for name in (_STATE, "polish.json", "run.json"):
-        if (folder / name).exists():
-            raise BitneatError(f"{folder}: holds a run already; continue it with --resume, or give another -o")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    from bitneat.files import make_folder, refuse_links
+
+    if _state_file(folder).exists() or any((folder / name).exists() for name in ("polish.json", "run.json")):
+        raise BitneatError(f"{folder}: holds a run already; continue it with --resume, or give another -o")
+    make_folder(folder)
+    refuse_links(folder)
 
 
-def _save(folder: Path, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:
-    import json
-
+def _save(file: StateFile, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:
     from bitneat.champion import EnvironmentSpec
-    from bitneat.files import write_atomic
     from bitneat.sim.walker.trigonometry import probe_for
 
-    data = {
-        "format": _FORMAT,
-        "version": _VERSION,
-        "settings": settings,
-        "trigonometry": probe_for(EnvironmentSpec(settings["env"])),
-        "search": search.to_data(),
-        "history": history,
-    }
-    write_atomic(folder / _STATE, json.dumps(data, separators=(",", ":"), allow_nan=False).encode())
+    file.save(
+        {
+            "settings": settings,
+            "trigonometry": probe_for(EnvironmentSpec(settings["env"])),
+            "search": search.to_data(),
+            "history": history,
+        }
+    )
 
 
 def _tell(row: LinearRow) -> None:

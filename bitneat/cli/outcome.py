@@ -3,11 +3,19 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from bitneat.cli.columns import printable
+
 if TYPE_CHECKING:
     from bitneat.network import Policy
+
+
+def warn(text: str) -> None:
+    """Say on stderr, in a line, what a user should know though the command goes on."""
+    print("bitneat:", printable(" ".join(text.split("\n"))), file=sys.stderr, flush=True)
 
 
 def controller_data(controller: Policy) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.outcome import controller_data, print_champion
+from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -30,7 +30,8 @@ EXAMPLE = """\
   bitneat polish --resume tiny --generations 500"""
 FILES = """\
   CHAMPION         read: champion.pkl or champion.json, one or more
-  RUN/             written: polish.json (the checkpoint), history.csv, front.csv,
+  RUN/             written: polish.json (the checkpoint) and
+                   polish-previous.json (the one before), history.csv, front.csv,
                    champion.pkl, champion.json"""
 
 DEFAULT_GENERATIONS = 200
@@ -83,10 +84,10 @@ def run(args: argparse.Namespace) -> int:
     history: list[Row] = []
     if args.resume is None:
         settings = _new_settings(args)
-        folder = PolishFolder(args.output or Path("runs") / f"polish-{settings.seed}")
+        folder = PolishFolder(args.output or Path("runs") / f"polish-{settings.seed}", warn)
         polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
     else:
-        folder = PolishFolder(args.resume)
+        folder = PolishFolder(args.resume, warn)
         settings, polish, history = _resumed(args, folder)
     champion, score, finished = _polish(args, folder, settings, polish, history)
     summary = _summary(folder, champion, score, finished)

@@ -118,21 +118,18 @@ def _chosen(all_jobs: list[Job], patterns: list[str] | None) -> list[Job]:
 
 def _claim_folder(folder: Path, budget: str) -> None:
     """Results of different budgets must not meet in one table."""
-    from bitneat.files import read_capped, write_json
+    from bitneat.files import make_folder, read_capped, write_json
 
     path = folder / "budget.json"
     if path.exists():
         try:
             held = json.loads(read_capped(path, 1 << 12))["budget"]
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise BitneatError(f"{path}: damaged: expected a budget's name") from None
         if held != budget:
             raise BitneatError(f"{folder}: holds results of --budget {held}; give another -o")
         return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BitneatError(f"{folder}: cannot be made: {error.strerror or error}") from None
+    make_folder(folder)
     write_json(path, {"budget": budget})
 
 

@@ -371,7 +371,7 @@ def parse(text: str, where: str) -> Config:
             try:
                 sections[section][key] = entry.parse(_shown(entry.default) if given is None else given)
             except ValueError as error:
-                raise ConfigError(f"{where}: [{section}] {key} = {given}: {error}") from None
+                raise ConfigError(f"{where}: [{section}] {key} = {given!s:.80}: {error}") from None
     _check_together(sections, where)
     _refuse_unused(parser, sections, where)
     return Config(sections)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -24,11 +24,13 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.polish import OBJECTIVES, Entry, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
-from bitneat.files import read_capped, write_atomic
+from bitneat.files import make_folder, refuse_links, remove_leftovers, write_atomic
+from bitneat.state import StateFile
 from bitneat.version import __version__
 
 FORMAT = "bitneat-polish"
-VERSION = 1
+VERSION = 2
+"""Of ``polish.json``; version 1 had no hash, and is read, too."""
 REPORT_EPISODES = 100
 SELECTION_EPISODES = 200
 FINALISTS = 6
@@ -108,10 +110,17 @@ class PolishSettings:
 
 
 class PolishFolder:
-    """The files of a polishing run."""
+    """The files of a polishing run.
 
-    def __init__(self, path: Path) -> None:
+    Args:
+        path: of the folder.
+        warn: told of a damaged checkpoint that the one before stands in for.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], None] = warnings.warn) -> None:
         self.path = path
+        self._warn = warn
+        self._state = StateFile(path / _STATE, FORMAT, VERSION, _MAX_STATE_BYTES)
 
     @property
     def champion_pickle(self) -> Path:
@@ -124,26 +133,26 @@ class PolishFolder:
         Raises:
             BitneatError: if there is a run or a champion already, or the folder cannot be made.
         """
-        for name in (_STATE, "run.json"):
-            if (self.path / name).exists():
-                raise BitneatError(f"{self.path}: holds a run already; continue it with --resume, or give another -o")
+        if self._state.exists() or (self.path / "run.json").exists():
+            raise BitneatError(f"{self.path}: holds a run already; continue it with --resume, or give another -o")
         if self.champion_pickle.exists():  # it may be the very one that the run starts from
             raise BitneatError(f"{self.champion_pickle}: exists and would be overwritten; give another -o")
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BitneatError(f"{self.path}: cannot be made: {error.strerror or error}") from None
+        make_folder(self.path)
+        refuse_links(self.path)
 
     def save(self, settings: PolishSettings, polish: Polish, history: Sequence[Row]) -> None:
         """Write the checkpoint, and what people read."""
-        state = {
-            "format": FORMAT,
-            "version": VERSION,
-            "settings": settings.to_data(),
-            "search": polish.to_data(),
-            "history": [list(vars(row).values()) for row in history],
-        }
-        write_atomic(self.path / _STATE, json.dumps(state, separators=(",", ":"), allow_nan=False).encode())
+        self._state.save(
+            {
+                "settings": settings.to_data(),
+                "search": polish.to_data(),
+                "history": [list(vars(row).values()) for row in history],
+            }
+        )
+        self.save_tables(polish, history)
+
+    def save_tables(self, polish: Polish, history: Sequence[Row]) -> None:
+        """Write ``history.csv`` and ``front.csv``."""
         write_atomic(
             self.path / "history.csv", _csv([f.name for f in fields(Row)], (vars(r).values() for r in history))
         )
@@ -160,13 +169,11 @@ class PolishFolder:
         Raises:
             BitneatError: if the folder holds no polishing run, or a damaged one.
         """
-        path = self.path / _STATE
-        if not path.exists():
+        if not self._state.exists():
             raise BitneatError(f"--resume {self.path}: holds no polishing run: {_STATE} is missing")
+        refuse_links(self.path)
+        path, data = self._state.load(self._warn)
         try:
-            data = json.loads(read_capped(path, _MAX_STATE_BYTES))
-            if data["format"] != FORMAT or data["version"] != VERSION:
-                raise BitneatError(f"expected {FORMAT} version {VERSION}")
             settings = PolishSettings.from_data(data["settings"])
             polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
             polish.restore(data["search"])
@@ -197,6 +204,9 @@ def carry_on(
     ``check`` is called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
     """
     began = time.monotonic()
+    remove_leftovers(folder.path)
+    if history:
+        folder.save_tables(polish, history)  # the run may have died between a checkpoint and its tables
     out_of_time = False
     leader = None
     while polish.generation < settings.generations and not out_of_time:

@@ -2,7 +2,8 @@
 """A run on disk: its folder, checkpoints, and the loop that carries a search to its end.
 
 Every file is written whole or not at all. What a resumed run needs is in ``run.json`` (what was asked for) and in the last
-checkpoint (where the search stood); both are plain JSON, so that a run folder from a stranger can execute nothing.
+checkpoint (where the search stood); both are plain JSON, so that a run folder from a stranger can execute nothing, and carry a hash
+of themselves, so that a damaged one is known. If the last checkpoint is damaged, the one before is taken.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import json
 import math
 import platform
 import re
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib import metadata
@@ -32,22 +33,33 @@ from bitneat.champion import (
 )
 from bitneat.controller import Controller
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config, parse
+from bitneat.evolve.config import MAX_CONFIG_BYTES, Config, parse
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
 from bitneat.evolve.search import Candidate, Generation, Score, Search
-from bitneat.files import read_capped, write_atomic, write_json
+from bitneat.files import (
+    make_folder,
+    read_capped,
+    refuse_links,
+    remove_leftovers,
+    sync_folder,
+    write_atomic,
+    write_json,
+)
 from bitneat.network import FloatNetwork
 from bitneat.sim.environment import EnvironmentInfo
+from bitneat.state import DamagedError, read_state, seal
 from bitneat.version import __version__
 
 FORMAT = "bitneat-run"
 CHECKPOINT_FORMAT = "bitneat-checkpoint"
-VERSION = 1
+VERSION = 2
+"""Of ``run.json`` and of checkpoints. Those of version 1, which have no hash, are read, too."""
 CHECKPOINTS_KEPT = 2
 MAX_SEED = 1 << 4096
-MAX_CHECKPOINT_BYTES = 1 << 30
+MAX_RUN_BYTES = 1 << 26
+MAX_CHECKPOINT_BYTES = 1 << 28
 
 _TRIGONOMETRY = re.compile(r"[0-9a-f]{16}")
 _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
@@ -80,12 +92,18 @@ class RunSettings:
     start: tuple[Controller, ...] = ()
     """What the first population is made of; see `bitneat.evolve.starting`."""
 
+    @property
+    def begun_at(self) -> int:
+        """Generations completed when the configuration took over: no checkpoint of before can go on under it."""
+        return self.earlier[-1].generations if self.earlier else 0
+
     def to_data(self) -> dict[str, Any]:
-        """As plain data; the configuration has its own file."""
+        """As plain data."""
         return {
             "format": FORMAT,
             "version": VERSION,
             "environment": self.environment.to_data(),
+            "config": self.config.text,
             "seed": self.seed,
             "seconds": self.seconds,
             "earlier": [stage.to_data() for stage in self.earlier],
@@ -95,15 +113,30 @@ class RunSettings:
 
 
 class RunFolder:
-    """The files of a run."""
+    """The files of a run.
 
-    def __init__(self, path: Path) -> None:
+    Args:
+        path: of the folder.
+        warn: told, once, of a damaged checkpoint that another stands in for.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], None] = warnings.warn) -> None:
         self.path = path
+        self._warn = warn
+        self._told: set[str] = set()
 
     @property
     def champion_pickle(self) -> Path:
         """``champion.pkl``."""
         return self.path / "champion.pkl"
+
+    @property
+    def _settings_file(self) -> Path:
+        return self.path / "run.json"
+
+    @property
+    def _config_file(self) -> Path:
+        return self.path / "config.ini"
 
     def create(self, settings: RunSettings) -> None:
         """Make the folder and write what was asked for.
@@ -111,41 +144,60 @@ class RunFolder:
         Raises:
             BitneatError: if there is a run already, or the folder cannot be written.
         """
-        if (self.path / "run.json").exists():
+        if self._settings_file.exists():
             raise BitneatError(
                 f"{self.path}: holds a run already; continue it with --resume {self.path}, or give another -o"
             )
-        try:
-            (self.path / "checkpoints").mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BitneatError(f"{self.path}: cannot be made: {error.strerror or error}") from None
+        make_folder(self.path)
+        make_folder(self.path / "checkpoints")
+        self._refuse_links()
         self.save_settings(settings)
+
+    def _refuse_links(self) -> None:
+        refuse_links(self.path)
+        if (self.path / "checkpoints").is_dir():
+            refuse_links(self.path / "checkpoints")
 
     def discard(self) -> None:
         """Take away a run that no generation was completed of, so that it can be tried again."""
-        for name in ("run.json", "config.ini", "history.csv"):
-            (self.path / name).unlink(missing_ok=True)
-        with contextlib.suppress(OSError):  # whatever else is in there is not ours
+        with contextlib.suppress(OSError):  # whatever else is in there is not ours, and a disk may be read-only by now
+            for name in ("run.json", "config.ini", "history.csv"):
+                (self.path / name).unlink(missing_ok=True)
             (self.path / "checkpoints").rmdir()
             self.path.rmdir()
 
     def save_settings(self, settings: RunSettings) -> None:
-        """Write the configuration and ``run.json``, which comes last and makes the folder a run."""
-        write_atomic(self.path / "config.ini", settings.config.text.encode())
-        write_json(self.path / "run.json", settings.to_data())
+        """Write ``run.json``, which makes the folder a run, and ``config.ini``, which is for people.
+
+        ``config.ini`` is away while ``run.json`` changes: the two never disagree, wherever this is cut short.
+        """
+        if self._config_file.exists():
+            self._config_file.unlink()
+            sync_folder(self.path)
+        write_atomic(self._settings_file, seal(settings.to_data(), indent=2))
+        write_atomic(self._config_file, settings.config.text.encode())
+
+    def mend(self, settings: RunSettings, search: Search) -> None:
+        """Make good what a process that died after a checkpoint has left undone: files to write, and files to take away."""
+        for folder in (self.path, self.path / "checkpoints"):
+            remove_leftovers(folder)
+        self._drop_old(search.generation)
+        self.save_history(search)
+        if not self._config_file.exists():
+            write_atomic(self._config_file, settings.config.text.encode())
 
     def settings(self) -> RunSettings:
         """What was asked for.
 
         Raises:
-            BitneatError: if the folder holds no run, or a damaged one.
+            BitneatError: if the folder holds no run, or a damaged one, or ``config.ini`` was edited.
         """
-        if not (self.path / "run.json").exists():
+        path = self._settings_file
+        if not path.exists():
             raise BitneatError(f"--resume {self.path}: holds no run: run.json is missing")
-        data = _json(self.path / "run.json", FORMAT)
-        config = parse(
-            read_capped(self.path / "config.ini", 1 << 20).decode("utf-8", "replace"), str(self.path / "config.ini")
-        )
+        self._refuse_links()
+        data = read_state(path, FORMAT, VERSION, MAX_RUN_BYTES)
+        config = self._config(data)
         try:
             spec = environment_from_data(data["environment"])
             seed, seconds = data["seed"], data["seconds"]
@@ -161,40 +213,104 @@ class RunFolder:
             ):
                 raise BitneatError("trigonometry: expected 16 hexadecimal digits, or null")
         except Exception as error:  # the file may be anyone's
-            raise BitneatError(f"{self.path / 'run.json'}: damaged: {_reason(error)}") from None
+            raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
         return RunSettings(spec, config, seed, seconds, earlier, trigonometry, start)
 
-    def generations(self) -> int:
-        """Generations completed, according to the last checkpoint."""
-        checkpoints = self._checkpoints()
-        return checkpoints[-1][0] if checkpoints else 0
+    def _config(self, data: Mapping[str, Any]) -> Config:
+        """The configuration in ``run.json``; ``config.ini`` must say the same, if it is there.
 
-    def save_checkpoint(self, search: Search) -> None:
-        """Write the checkpoint of the generations completed, then drop all but the last two."""
-        state = {"format": CHECKPOINT_FORMAT, "version": VERSION, "bitneat": __version__, "search": search.to_data()}
-        text = json.dumps(state, separators=(",", ":"), allow_nan=True)
-        folder = self.path / "checkpoints"
-        write_atomic(folder / f"generation-{search.generation:06d}.json", text.encode())
-        for _, old in self._checkpoints()[:-CHECKPOINTS_KEPT]:
-            old.unlink(missing_ok=True)
+        Runs of version 1 have it in ``config.ini`` alone.
+        """
+        path = self._config_file
+        if data["version"] == 1:
+            return parse(_text(path), str(path))
+        if not isinstance(data.get("config"), str):
+            raise BitneatError(f"{self._settings_file}: damaged: config: expected text")
+        config = parse(data["config"], f"{self._settings_file}: config")
+        if path.exists() and _text(path) != data["config"]:
+            raise BitneatError(
+                f"{path}: damaged or edited: not what the run has; delete it to go on as before,"
+                " or move it elsewhere and give it with --config"
+            )
+        return config
 
-    def restore(self, search: Search) -> None:
-        """Bring the search to the last checkpoint; without one it starts at the beginning.
+    def generations(self, begun_at: int = 0) -> int:
+        """Generations completed, according to the last checkpoint that is whole.
+
+        Args:
+            begun_at: as of `RunSettings`.
 
         Raises:
-            BitneatError: if the checkpoint is damaged or from a newer bitneat.
+            BitneatError: if no checkpoint can be used.
         """
-        checkpoints = self._checkpoints()
-        if not checkpoints:
+        found = self._last(begun_at)
+        return 0 if found is None else found[0]
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is a checkpoint, whole or not."""
+        return bool(self._checkpoints())
+
+    def save_checkpoint(self, search: Search) -> None:
+        """Write the checkpoint of the generations completed, then drop all but the one before it.
+
+        Raises:
+            BitneatError: if it cannot be written, or is larger than what would be read.
+        """
+        state = {"format": CHECKPOINT_FORMAT, "version": VERSION, "bitneat": __version__, "search": search.to_data()}
+        path = self.path / "checkpoints" / f"generation-{search.generation:06d}.json"
+        content = seal(state, allow_nan=True)
+        if len(content) > MAX_CHECKPOINT_BYTES:
+            raise BitneatError(f"{path}: larger than {MAX_CHECKPOINT_BYTES} bytes; take a smaller population")
+        write_atomic(path, content)
+        self._drop_old(search.generation)
+
+    def restore(self, search: Search, begun_at: int = 0) -> None:
+        """Bring the search to the last checkpoint that is whole; without one it starts at the beginning.
+
+        Raises:
+            BitneatError: if no checkpoint can be used, or one is not this run's or from a newer bitneat.
+        """
+        found = self._last(begun_at)
+        if found is None:
             return
-        path = checkpoints[-1][1]
-        data = _json(path, CHECKPOINT_FORMAT)
+        generation, path, data = found
         try:
             search.restore(data["search"])
         except Exception as error:  # the file may be anyone's
             raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
-        if search.generation != checkpoints[-1][0]:
+        if search.generation != generation:
             raise BitneatError(f"{path}: damaged: holds generation {search.generation}")
+
+    def _drop_old(self, generation: int) -> None:
+        """Delete checkpoints that neither this generation's nor the one that would stand in for it is."""
+        for number, path in self._checkpoints():
+            if number <= generation - CHECKPOINTS_KEPT:
+                path.unlink(missing_ok=True)
+
+    def _last(self, begun_at: int) -> tuple[int, Path, Mapping[str, Any]] | None:
+        """Generation, path and content of the last checkpoint that is whole; of damaged ones after it the user is told."""
+        damage: DamagedError | None = None
+        for generation, path in reversed(self._checkpoints()):
+            if generation < begun_at:
+                break
+            try:
+                data = read_state(path, CHECKPOINT_FORMAT, VERSION, MAX_CHECKPOINT_BYTES)
+            except DamagedError as error:
+                damage = damage or error
+                continue
+            if damage is not None and str(damage) not in self._told:
+                self._told.add(str(damage))
+                self._warn(f"{damage}; going on from {path.name}")
+            return generation, path, data
+        if damage is not None:
+            raise damage
+        if begun_at:
+            raise BitneatError(
+                f"{self.path / 'checkpoints'}: holds no checkpoint of generation {begun_at} or later,"
+                " as a run needs whose configuration was changed there"
+            )
+        return None
 
     def save_history(self, search: Search) -> None:
         """Write ``history.csv``, a row a generation."""
@@ -247,8 +363,8 @@ def carry_on(
     """
     started = time.monotonic()
     search = searching(folder, settings, info)
-    folder.restore(search)
-    folder.save_history(search)  # the run may have died between a checkpoint and its history
+    folder.restore(search, settings.begun_at)
+    folder.mend(settings, search)
     generations = settings.config["evolve"]["generations"]
     progress.start(search, generations, settings.seconds)
     best: Candidate | None = None
@@ -280,7 +396,7 @@ def carry_on(
 
 def searching(folder: RunFolder, settings: RunSettings, info: EnvironmentInfo) -> Search:
     """The search of a run before its last checkpoint is restored; with a checkpoint it does not matter what it started from."""
-    start = () if folder.generations() else settings.start
+    start = () if folder.generations(settings.begun_at) else settings.start
     return Search(settings.config, settings.environment, info, settings.seed, start)
 
 
@@ -339,13 +455,5 @@ def _reason(error: Exception) -> str:
     return text if isinstance(error, BitneatError) else f"{type(error).__name__}: {text}"
 
 
-def _json(path: Path, expected_format: str) -> Mapping[str, Any]:
-    try:
-        data = json.loads(read_capped(path, MAX_CHECKPOINT_BYTES))
-    except (ValueError, RecursionError):  # among them numbers of too many digits
-        raise BitneatError(f"{path}: damaged: not JSON") from None
-    if not isinstance(data, dict) or data.get("format") != expected_format:
-        raise BitneatError(f"{path}: expected 'format': {expected_format!r}")
-    if data.get("version") != VERSION:
-        raise BitneatError(f"{path}: version {data.get('version')!r:.40}: this bitneat reads {VERSION}")
-    return data
+def _text(path: Path) -> str:
+    return read_capped(path, MAX_CONFIG_BYTES, regular=True).decode("utf-8", "replace")

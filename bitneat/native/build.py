@@ -21,6 +21,7 @@ from bitneat.native.compiler import Compiler, CompilerError, host_compiler
 
 _HEADER_SUFFIXES = frozenset({".h", ".hpp", ".inc"})
 _INCLUDED_SOURCE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+\.c)"', re.MULTILINE)
+_SEAL = b"\nbitneat SHA-256 "
 _UNUSED_AFTER_SECONDS = 30 * 24 * 3600
 
 announce: Callable[[str], None] | None = None
@@ -58,7 +59,7 @@ def shared_library(
     arguments = [*flags, *(f"-D{macro}={value}" for macro, value in sorted((defines or {}).items()))]
     key = _key(sources, include_dirs, arguments, compiler)
     target = cache_dir() / f"{name}-{key}.so"
-    if target.is_file():
+    if _is_whole(target):
         _mark_used(target)
         return target
     command = [
@@ -71,7 +72,7 @@ def shared_library(
     ]
     if announce is not None:
         announce(name)
-    _build(compiler, command, target, what=str(sources[0]))
+    _build(compiler, command, target, what=str(sources[0]), sealed=True)
     _drop_unused(target.parent)
     return target
 
@@ -198,8 +199,11 @@ def _processor_features() -> str:
     return "\n".join(sorted({line for line in lines if line.startswith(wanted)}))
 
 
-def _build(compiler: Compiler, arguments: Sequence[str], target: Path, *, what: str) -> None:
-    """Run the compiler into a temporary file beside ``target`` and rename it, so that ``target`` is whole or absent."""
+def _build(compiler: Compiler, arguments: Sequence[str], target: Path, *, what: str, sealed: bool = False) -> None:
+    """Run the compiler into a temporary file beside ``target`` and rename it, so that ``target`` is whole or absent.
+
+    ``sealed`` is for what is kept: a hash is appended, which loaders do not look at, and the file is on the disk first.
+    """
     temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
     quiet = ["-fno-sanitize=undefined"] if compiler.family == "zig" else []  # zig cc traps on it by default
     try:
@@ -214,11 +218,31 @@ def _build(compiler: Compiler, arguments: Sequence[str], target: Path, *, what: 
         )
         if done.returncode != 0 or not temporary.is_file():
             raise CompilerError(f"{what}: {Path(compiler.command[0]).name} failed: {_first_error(done.stderr)}")
+        if sealed:
+            _seal(temporary)
         temporary.replace(target)
     except OSError as error:
         raise CompilerError(f"{what}: cannot compile into {target.parent}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _seal(library: Path) -> None:
+    with library.open("r+b") as file:
+        digest = hashlib.sha256(file.read()).hexdigest()
+        file.write(_SEAL + digest.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library is there and as it was written: one cut off by a loss of power would crash who loads it."""
+    try:
+        content = library.read_bytes()
+    except OSError:
+        return False
+    body, seal, digest = content.rpartition(_SEAL)
+    return bool(seal) and hashlib.sha256(body).hexdigest().encode() == digest
 
 
 def _environment(compiler: Compiler) -> dict[str, str]:
@@ -249,7 +273,7 @@ def _drop_unused(folder: Path) -> None:
     """Delete libraries, and what killed builds left, that nothing has asked for in a month."""
     oldest = time.time() - _UNUSED_AFTER_SECONDS
     for path in folder.iterdir():
-        if path.suffix not in (".so", ".tmp"):
+        if path.suffix not in (".so", ".tmp", ".bin"):
             continue
         with suppress(OSError):  # another process may be quicker
             if path.stat().st_mtime < oldest:

@@ -7,8 +7,10 @@ import io
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bitneat.files import read_capped
 from bitneat.policy.archive import MAX_FILE_BYTES, Archive
@@ -66,7 +68,12 @@ def _normalized(layers: list[Layer], rest: dict[str, Floats]) -> list[Layer]:
     return layers if mean is None or variance is None else with_normalization(layers, mean, variance)
 
 
-def _read(content: bytes) -> dict[str, Floats]:
+def read_arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
+    """The arrays in the bytes of a ``.npz`` file, by name, as they were saved.
+
+    Raises:
+        PolicyError: if one has another name than those of layers, is malformed, or holds anything but numbers.
+    """
     archive = Archive(content)
     arrays = {}
     for name in archive.names:
@@ -76,7 +83,11 @@ def _read(content: bytes) -> dict[str, Floats]:
     return arrays
 
 
-def _array(name: str, content: bytes) -> Floats:
+def _read(content: bytes) -> dict[str, Floats]:
+    return {name: array.astype(np.float64) for name, array in read_arrays(content).items()}
+
+
+def _array(name: str, content: bytes) -> npt.NDArray[Any]:
     """An array of numbers in the bytes of a ``.npy`` file; its header is believed only as far as there are bytes."""
     where = name.removesuffix(".npy")
     stream = io.BytesIO(content)
@@ -93,4 +104,4 @@ def _array(name: str, content: bytes) -> Floats:
         raise PolicyError(
             f"{where}: its shape {shape!s:.40} does not fit its {len(data)} bytes, or has more than two axes"
         )
-    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").astype(np.float64)
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

@@ -32,7 +32,7 @@ _WORDS = {
 }
 _STYLES: Mapping[str, tuple[str, float]] = {"best": ("-", 1.0), "mean": (":", 1.2), "selection": ("-", 1.8)}
 _HISTORY = "history.csv"
-_MAX_BYTES = 1 << 28
+_MAX_BYTES = 1 << 25
 _GRID = 400
 """Points on the axis of steps, where the generations of several runs do not fall together."""
 

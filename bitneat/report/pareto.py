@@ -133,7 +133,7 @@ def _champion_files(path: Path) -> Iterator[Path]:
     if not path.is_dir():
         yield path
         return
-    found = sorted(file for suffix in _SUFFIXES for file in path.rglob(f"*{suffix}"))
+    found = sorted(file for suffix in _SUFFIXES for file in path.rglob(f"*{suffix}") if file.is_file())
     if len(found) > _MAX_FILES:
         raise BitneatError(
             f"{path}: holds {len(found)} files of the endings {', '.join(_SUFFIXES)}, too many to look into"

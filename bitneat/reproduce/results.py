@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -13,6 +12,7 @@ from bitneat.controller import Controller
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped, write_atomic
 from bitneat.network import FloatNetwork, Policy, network_from_data
+from bitneat.state import seal, unseal
 
 FORMAT = "bitneat-reproduction"
 _MAX_BYTES = 1 << 26
@@ -59,8 +59,7 @@ class Result:
 
     def save(self, path: Path) -> None:
         """Write the file, whole."""
-        data = {"format": FORMAT, **asdict(self)}
-        write_atomic(path, (json.dumps(data, separators=(",", ":"), allow_nan=False) + "\n").encode())
+        write_atomic(path, seal({"format": FORMAT, **asdict(self)}))
 
 
 def load(path: Path) -> Result:
@@ -69,10 +68,9 @@ def load(path: Path) -> Result:
     Raises:
         BitneatError: if the file is damaged.
     """
-    try:
-        data = json.loads(read_capped(path, _MAX_BYTES))
-    except ValueError:
-        raise BitneatError(f"{path}: damaged: not JSON") from None
+    data = unseal(
+        read_capped(path, _MAX_BYTES, regular=True), str(path), required=False
+    )  # results of before lack the seal
     known = {entry.name for entry in fields(Result)}
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT or not set(data) <= known:
         raise BitneatError(f"{path}: expected a result of bitneat reproduce ('format': {FORMAT!r})")

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import csv
-import json
 import statistics
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,12 +20,13 @@ from bitneat.evolve.randomness import report_seeds
 from bitneat.evolve.recheck import Recheck
 from bitneat.evolve.run import RunFolder, RunSettings, carry_on
 from bitneat.evolve.search import Candidate, Generation, Score, Search
-from bitneat.files import write_json
+from bitneat.files import read_capped, write_atomic
 from bitneat.network import FloatNetwork, Policy
 from bitneat.reproduce.experiments import BETAS, SURVIVAL_THRESHOLDS, Job
 from bitneat.reproduce.results import Result, policy_from_data, policy_to_data
 from bitneat.sim.environment import inspect
 from bitneat.sim.walker.trigonometry import probe_for, refuse_other
+from bitneat.state import seal, unseal
 
 WALKER = EnvironmentSpec("BipedalWalker-v3")
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
@@ -36,6 +37,8 @@ _FLOAT_BYTES = 4
 _SNAPSHOTS = 12
 """About so many pictures of the network's growth are kept of a run."""
 _MOST_LINKS_KEPT = 5000
+_GROWTH_FORMAT = "bitneat-growth"
+_MAX_GROWTH_BYTES = 1 << 26
 
 
 def run(job: Job, folder: Path, results: Mapping[str, Result], command: str) -> Result:
@@ -116,7 +119,7 @@ def best_cell(results: Mapping[str, Result]) -> tuple[float, float]:
 
 
 def _evolved(job: Job, folder: Path, results: Mapping[str, Result], command: str) -> Result:
-    runs = RunFolder(folder)
+    runs = RunFolder(folder, lambda text: print(f"bitneat: {text}", file=sys.stderr, flush=True))
     config = configuration(job, results)
     if (folder / "run.json").exists():
         settings = runs.settings()
@@ -262,6 +265,10 @@ def _rows(path: Path) -> list[dict[str, str]]:
     return rows
 
 
+def _is_snapshot(entry: Any) -> bool:
+    return isinstance(entry, dict) and set(entry) == {"generation", "policy"} and type(entry["generation"]) is int
+
+
 class _Growth:
     """Keeps the best candidate so far at some generations, while a run goes on."""
 
@@ -271,7 +278,12 @@ class _Growth:
 
     def snapshots(self) -> list[dict[str, Any]]:
         """What was kept, generations rising."""
-        kept: list[dict[str, Any]] = json.loads(self._path.read_text()) if self._path.exists() else []
+        if not self._path.exists():
+            return []
+        data = unseal(read_capped(self._path, _MAX_GROWTH_BYTES, regular=True), str(self._path), required=False)
+        kept = data.get("snapshots") if isinstance(data, dict) else data  # before there was a seal, the list alone
+        if not isinstance(kept, list) or not all(_is_snapshot(entry) for entry in kept):
+            raise BitneatError(f"{self._path}: damaged: expected snapshots; remove {self._path.parent} to run it again")
         return kept
 
     def start(self, search: Search, generations: int, seconds: float | None) -> None:
@@ -289,7 +301,8 @@ class _Growth:
     def _take(self, generation: int, best: Candidate) -> None:
         if generation % self._every == 0:
             kept = [entry for entry in self.snapshots() if entry["generation"] < generation]
-            write_json(self._path, [*kept, {"generation": generation, "policy": policy_to_data(best.controller)}])
+            snapshot = {"generation": generation, "policy": policy_to_data(best.controller)}
+            write_atomic(self._path, seal({"format": _GROWTH_FORMAT, "snapshots": [*kept, snapshot]}))
 
     def choosing(self) -> None:
         """Nothing to do."""

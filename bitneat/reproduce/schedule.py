@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
+from bitneat.files import make_folder, refuse_links
 from bitneat.orphans import end_with_parent
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
@@ -58,7 +59,8 @@ def run_all(
     Raises:
         BitneatError: if a job fails, or a result in ``folder`` is that of another experiment.
     """
-    (folder / "results").mkdir(parents=True, exist_ok=True)
+    make_folder(folder / "results")
+    refuse_links(folder / "results")
     results = load_all(folder / "results")
     _refuse_others(jobs, folder, results)
     waiting = [job for job in jobs if job.name not in results]

@@ -10,6 +10,7 @@ import pytest
 
 from bitneat.baselines.dense import DenseNetwork, dense_from_npz
 from bitneat.errors import BitneatError
+from tests.hostile.files import array, zipped
 
 
 def random_dense(sizes: tuple[int, ...], hidden: str = "tanh", clipped: bool = True, seed: int = 0) -> DenseNetwork:
@@ -70,6 +71,13 @@ def test_an_npz_file_is_read_back_to_the_bit_and_written_alike_each_time() -> No
 def test_a_damaged_npz_file_is_refused(content: bytes) -> None:
     with pytest.raises(BitneatError, match=r"not an \.npz file"):
         dense_from_npz(content, "tanh", True)
+
+
+def test_a_small_file_that_unpacks_to_a_large_one_is_refused() -> None:
+    with pytest.raises(BitneatError, match=r"not an \.npz file of arrays: refused: its members exceed"):
+        dense_from_npz(zipped({"W1.npy": b"\0" * (70 << 20)}), "tanh", True)
+    with pytest.raises(BitneatError, match=r"not an \.npz file of arrays: W1: its shape"):
+        dense_from_npz(zipped({"W1.npy": array("<f4", "(99999999, 99999999)")}), "tanh", True)
 
 
 @pytest.mark.parametrize(

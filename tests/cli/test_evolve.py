@@ -11,6 +11,7 @@ import pytest
 import tests.sim.strange  # noqa: F401 - registers environments
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from tests.sealed import resealed
 
 TINY = """
 [evolve]
@@ -152,7 +153,7 @@ def test_a_run_whose_checkpoint_is_damaged_keeps_its_configuration(
 ) -> None:
     assert main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "2", "-o", "run"]) == 0
     (checkpoint,) = Path("run/checkpoints").glob("generation-000002.json")
-    checkpoint.write_text(checkpoint.read_text().replace('"next_species":', '"nothing":'))
+    resealed(checkpoint, '"next_species":', '"nothing":')
     before = {name: Path("run", name).read_bytes() for name in ("config.ini", "run.json")}
     assert main(["evolve", "--resume", "run", "--generations", "9"]) == 2
     assert f"{checkpoint}: damaged" in capsys.readouterr().err

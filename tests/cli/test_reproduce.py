@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from bitneat.cli.main import main
 from bitneat.evolve.randomness import report_seeds
 from bitneat.reproduce.results import load_all, policy_from_data
 from bitneat.sim.walker import run_episodes
+from tests.sealed import resealed
 
 SOME = ("default-1", "bit-1", "ptq-ternary-round-1", "ptq-int-round-1")
 
@@ -124,8 +126,8 @@ def test_a_result_that_was_made_with_other_settings_is_named(
 ) -> None:
     folder = tmp_path / "paper"
     (folder / "results").mkdir(parents=True)
-    text = (reproduced / "results" / "bit-1.json").read_text()
-    (folder / "results" / "bit-1.json").write_text(text.replace("node_add_prob = 0.6", "node_add_prob = 0.5"))
+    copy = Path(shutil.copy(reproduced / "results" / "bit-1.json", folder / "results"))
+    resealed(copy, "node_add_prob = 0.6", "node_add_prob = 0.5")
     assert reproduce(folder, "bit-1") == 2
     error = capsys.readouterr().err
     assert "bit-1.json: has another configuration; remove it, and it runs again" in error

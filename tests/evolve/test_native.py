@@ -29,6 +29,7 @@ from bitneat.native.compiler import CompilerError
 from bitneat.sim import bipedal
 from bitneat.sim.environment import EpisodeResult, Shaping, inspect
 from tests.evolve.test_run import assert_all_gone, start, wait_for
+from tests.sealed import sealed
 
 WALKER = EnvironmentSpec("BipedalWalker-v3")
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
@@ -260,7 +261,7 @@ def test_a_resumed_run_keeps_to_its_trigonometry(small: str, capsys: pytest.Capt
     before = evolved(small, "run")
     path = Path("run/run.json")
     data = json.loads(path.read_text())
-    path.write_text(json.dumps({**data, "trigonometry": "0123456789abcdef"}))
+    path.write_text(sealed({**data, "trigonometry": "0123456789abcdef"}))
     capsys.readouterr()
     for options in ((), ("--simulator", "gymnasium"), ("--generations", "9")):
         assert main(["evolve", "--resume", "run", *options]) == 2
@@ -270,9 +271,7 @@ def test_a_resumed_run_keeps_to_its_trigonometry(small: str, capsys: pytest.Capt
         assert f"got {data['trigonometry']}" in errors[0]
     for known in ("null", None):  # unknown, and a run of before it was recorded
         path.write_text(
-            json.dumps(
-                {k: v for k, v in data.items() if k != "trigonometry"} | ({"trigonometry": None} if known else {})
-            )
+            sealed({k: v for k, v in data.items() if k != "trigonometry"} | ({"trigonometry": None} if known else {}))
         )
         assert main(["evolve", "--resume", "run"]) == 0
         assert Path("run/champion.pkl").read_bytes() == before["champion.pkl"]

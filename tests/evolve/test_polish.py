@@ -16,6 +16,7 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.polish import Polish
 from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
 from bitneat.sim.environment import EpisodeResult, Shaping
+from tests.sealed import sealed
 
 NUM_INPUTS = 6
 START = Controller(
@@ -141,7 +142,7 @@ def polish_after_a_generation(polish: Polish) -> Polish:
     ("path", "value"),
     [
         (("format",), "bitneat-run"),
-        (("version",), 2),
+        (("version",), 0),
         (("settings", "objective"), "speed"),
         (("settings", "floor"), "high"),
         (("settings", "generations"), -1),
@@ -166,7 +167,7 @@ def test_a_damaged_file_is_one_line(tmp_path: Path, path: tuple[str | int, ...],
     for key in path[:-1]:
         inner = inner[key]
     inner[path[-1]] = value
-    file.write_text(json.dumps(data))
+    file.write_text(sealed(data))
     with pytest.raises(BitneatError, match=r"polish\.json: damaged: [^\n]*$"):
         folder.load()
 

@@ -10,6 +10,7 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.polish import Polish
 from bitneat.evolve.polish_run import PolishFolder
 from tests.evolve.test_polish import Landscape, settings
+from tests.sealed import sealed
 
 
 @pytest.mark.parametrize(
@@ -32,7 +33,7 @@ def test_a_number_that_cannot_be_is_one_line(tmp_path: Path, part: str, key: str
     file = tmp_path / "polish.json"
     data = json.loads(file.read_text())
     data[part][key] = value
-    file.write_text(json.dumps(data))
+    file.write_text(sealed(data))
     with pytest.raises(BitneatError, match=r"polish\.json: damaged: [^\n]*$"):
         folder.load()
 

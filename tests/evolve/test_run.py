@@ -28,6 +28,7 @@ from bitneat.evolve.run import Outcome, RunFolder, RunSettings, carry_on
 from bitneat.evolve.search import Search, episode_limit
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeRunner, inspect
+from tests.sealed import sealed
 
 SMALL = """
 [evolve]
@@ -278,13 +279,16 @@ def test_damaged_and_foreign_run_folders_are_refused(tmp_path: Path) -> None:
         folder.settings()
     evolve(folder, settings_for())
     checkpoint = folder.path / "checkpoints" / "generation-000004.json"
+    (folder.path / "checkpoints" / "generation-000003.json").unlink()  # which would stand in for it
     good = checkpoint.read_text()
     for bad, message in (
-        (good[: len(good) // 2], "damaged"),
-        ("[]", "expected 'format'"),
-        (good.replace('"version":1', '"version":2'), "version 2"),
-        (good.replace('"next_node"', '"nxt_node"'), "damaged: KeyError"),
-        (good.replace('"population":[[', '"population":[[7,'), "damaged"),
+        (good[: len(good) // 2], "damaged: not JSON"),
+        ("[]", "damaged: expected 'format'"),
+        (good.replace('"generation":4', '"generation":5', 1), "another SHA-256 than was written"),
+        (good[: good.rindex(',"sha256"')] + "}", "does not end with its SHA-256"),
+        (sealed(json.loads(good.replace('"version":2', '"version":3'))), "version 3: this bitneat reads 2"),
+        (sealed(json.loads(good.replace('"next_node"', '"nxt_node"'))), "damaged: KeyError"),
+        (sealed(json.loads(good.replace('"population":[[', '"population":[[7,'))), "damaged"),
     ):
         checkpoint.write_text(bad)
         with pytest.raises(BitneatError, match=message) as caught:
@@ -348,7 +352,7 @@ def test_a_hostile_checkpoint_is_one_line_or_does_no_harm(
     data = json.loads((first_generation.path / "checkpoints" / name).read_text())
     folder = RunFolder(tmp_path)
     (tmp_path / "checkpoints").mkdir()
-    (tmp_path / "checkpoints" / name).write_text(json.dumps(changed(data, ("search", *path), value)))
+    (tmp_path / "checkpoints" / name).write_text(sealed(changed(data, ("search", *path), value)))
     settings = settings_for()
     search = Search(settings.config, settings.environment, inspect(settings.environment), 5)
     try:
@@ -374,7 +378,7 @@ def test_a_hostile_run_file_is_one_line(
 ) -> None:
     data = json.loads((first_generation.path / "run.json").read_text())
     (tmp_path / "config.ini").write_text((first_generation.path / "config.ini").read_text())
-    (tmp_path / "run.json").write_text(json.dumps(changed(data, path, value)))
+    (tmp_path / "run.json").write_text(sealed(changed(data, path, value)))
     with pytest.raises(BitneatError, match=r"run\.json: damaged: ") as caught:
         RunFolder(tmp_path).settings()
     assert "\n" not in str(caught.value)

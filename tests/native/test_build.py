@@ -192,3 +192,13 @@ def test_what_is_named_like_a_header_and_is_no_file_is_left_alone(source: Path) 
     (source.parent / "folder.h").mkdir()
     (source.parent.parent / "include" / "broken.h").symlink_to("nowhere")
     assert answer(build(source)) == 42
+
+
+def test_a_library_that_is_cut_off_or_changed_is_built_again(source: Path) -> None:
+    library = build(source)
+    content = library.read_bytes()
+    for bad in (b"", content[:64], content[:-1], content[:2000] + bytes([content[2000] ^ 1]) + content[2001:]):
+        library.unlink()  # a library that is loaded must not change under those who use it
+        library.write_bytes(bad)
+        assert build(source) == library
+        assert answer(library) == 42

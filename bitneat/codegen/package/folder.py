@@ -6,14 +6,14 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bitneat.codegen.package.files import MANIFEST
 from bitneat.codegen.package.view import PackageError
 from bitneat.errors import BitneatError
-from bitneat.files import read_capped, write_atomic
+from bitneat.files import make_folder, read_capped, sync_folder, temporary_name, write_atomic
 
 MAX_MANIFEST_BYTES = 1 << 20
 
@@ -92,16 +92,30 @@ def _stays_inside(path: str) -> bool:
 
 def _make(folder: Path, files: Mapping[str, str]) -> None:
     target = Path(os.path.realpath(folder))
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{os.urandom(4).hex()}.tmp")
+    temporary = temporary_name(target)
     try:
         temporary.mkdir()
         _write_all(temporary, files)
         temporary.rename(target)  # an empty folder gives way
+        sync_folder(target.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def _refuse_links(folder: Path, paths: Iterable[str]) -> None:
+    """A link in a stranger's package would have us write, or delete, elsewhere."""
+    for path in paths:
+        below = folder
+        for part in PurePosixPath(path).parts:
+            below /= part
+            if below.is_symlink():
+                raise PackageError(
+                    f"{below}: a link, which leads out of the package; put a file or folder in its place"
+                )
+
+
 def _renew(folder: Path, old: _Manifest, files: Mapping[str, str]) -> None:
+    _refuse_links(folder, (*files, *old.files))
     _write_all(folder, files)
     for path in old.files:
         if path not in files:
@@ -111,5 +125,5 @@ def _renew(folder: Path, old: _Manifest, files: Mapping[str, str]) -> None:
 def _write_all(folder: Path, files: Mapping[str, str]) -> None:
     for path, text in files.items():
         target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(target.parent)
         write_atomic(target, text.encode("ascii"))

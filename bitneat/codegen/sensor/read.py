@@ -17,6 +17,8 @@ from bitneat.errors import BitneatError
 from bitneat.files import read_capped
 
 MAX_FILE_BYTES = 1 << 20
+MAX_LINE_LENGTH = 1 << 14
+"""Characters: the time that tomllib takes for a dotted key goes with the square of its length."""
 MAX_COUNT = 2**24
 MAX_EXPONENT = 30
 """Physical values are 0, or at least 10^-30 and less than 10^31: more is a slip, and would only take time."""
@@ -81,6 +83,8 @@ def read_sensor_map(path: Path, num_inputs: int, num_outputs: int) -> SensorMap:
     """
     try:
         text = read_capped(path, MAX_FILE_BYTES).decode()
+        if max(map(len, text.splitlines()), default=0) > MAX_LINE_LENGTH:
+            raise SensorMapError(f"{path}: a line has more than {MAX_LINE_LENGTH} characters")
         data = tomllib.loads(text, parse_float=Decimal)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise SensorMapError(f"{path}: not TOML: {' '.join(str(error).split())}") from None

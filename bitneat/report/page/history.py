@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
 from bitneat.report.page.charts import Chart, Point, Series, lines, scatter
+from bitneat.state import unseal
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
 LARGEST = 1e15
@@ -57,7 +57,7 @@ def read_history(folder: Path) -> History:
 
 
 def _columns(path: Path) -> dict[str, tuple[float, ...]]:
-    text = read_capped(path, MAX_FILE_BYTES).decode("utf-8", "replace")
+    text = read_capped(path, MAX_FILE_BYTES, regular=True).decode("utf-8", "replace")
     try:
         rows = list(csv.reader(io.StringIO(text)))[: MAX_ROWS + 1]
     except csv.Error as error:
@@ -81,7 +81,8 @@ def _value(text: str) -> float:
 def _candidates(path: Path) -> list[Point]:
     """The candidates of a checkpoint of evolve: controllers, with their rewards on the selection seeds."""
     try:
-        candidates: Sequence[Any] = json.loads(read_capped(path, MAX_FILE_BYTES))["search"]["candidates"]
+        data = unseal(read_capped(path, MAX_FILE_BYTES, regular=True), str(path), required=False)
+        candidates: Sequence[Any] = data["search"]["candidates"]
         found = []
         for entry in candidates:
             if "controller" in entry:

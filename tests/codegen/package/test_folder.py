@@ -102,6 +102,26 @@ def test_a_manifest_cannot_make_it_delete_anything_elsewhere(working_folder: Pat
     assert not (folder / "gone.txt").exists()
 
 
+@pytest.mark.parametrize("link", ["src", "src/legs.c", "README.md"])
+def test_a_link_in_a_package_leads_nowhere(working_folder: Path, capsys: pytest.CaptureFixture[str], link: str) -> None:
+    assert command("-o", "legs", "--package", "plain") == 0
+    folder, victim = working_folder / "legs", working_folder / "victim"
+    place = folder / link
+    if place.is_dir():
+        place.rename(victim)
+        manifest = json.loads((folder / "bitneat-package.json").read_text())
+        (victim / "mine.txt").write_text("mine")
+        manifest["files"].append("src/mine.txt")  # which renewing would delete
+        (folder / "bitneat-package.json").write_text(json.dumps(manifest))
+    else:
+        place.unlink()
+        victim.write_text("mine")
+    place.symlink_to(victim)
+    before = snapshot(working_folder)
+    assert f"{Path('legs') / link}: a link" in refused(capsys, "-o", "legs", "--package", "plain")
+    assert snapshot(working_folder) == before
+
+
 def test_a_new_folder_that_cannot_be_finished_does_not_appear(
     working_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

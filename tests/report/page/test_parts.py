@@ -242,7 +242,7 @@ def test_only_custom_sections_are_taken_out() -> None:
             "damaged: OverflowError",
         ),
         ("checkpoints/generation-000001.json", "{}", "damaged: KeyError"),
-        ("checkpoints/generation-000001.json", "[", "damaged: JSONDecodeError"),
+        ("checkpoints/generation-000001.json", "[", "damaged: not JSON"),
     ],
 )
 def test_a_damaged_run_is_an_error_in_one_line(name: str, content: str, message: str, tmp_path: Path) -> None:
