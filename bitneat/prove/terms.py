@@ -679,10 +679,9 @@ def evaluate(term: Term, args: Sequence[Values], atoms: Mapping[Atom, npt.NDArra
         case Op.XOR:
             return args[0] ^ args[1]
         case Op.ITE:
-            chosen: Values = np.where(args[0] != 0, args[1], args[2])
-            return chosen
+            return np.where(args[0] != 0, args[1], args[2])
         case Op.EQ:
-            return (args[0] == args[1]).astype(np.uint64)
+            return np.equal(args[0], args[1]).astype(np.uint64)
         case Op.SLT:
             x, y = (_signed_values(arg, part.width) for arg, part in zip(args, term.args, strict=True))
             return (x < y).astype(np.uint64)
