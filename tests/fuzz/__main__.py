@@ -12,11 +12,17 @@ import sys
 import time
 
 from bitneat.version import __version__
-from tests.fuzz import blobs, files, steps
+from tests.fuzz import activations, agreement, blobs, files, steps
 from tests.fuzz.figures import Totals, committed, forget, note, record, resumed, table
 from tests.fuzz.target import FindingError, Target
 
-TARGETS: dict[str, Target] = {"steps": steps.TARGET, **blobs.TARGETS, **files.TARGETS}
+TARGETS: dict[str, Target] = {
+    "activations": activations.TARGET,
+    "steps": steps.TARGET,
+    **blobs.TARGETS,
+    "agreement": agreement.TARGET,
+    **files.TARGETS,
+}
 
 
 def _processor_seconds() -> float:
