@@ -561,7 +561,7 @@ void bn_run_lanes(const struct bn_controller *c, size_t lanes, int16_t *workspac
         if (c->bias_mode == BN_BIAS_TERNARY) {
             workspace[c->num_inputs * lanes + lane] = (int16_t)(1 << c->frac_bits);
         }
-        if (c->has_empty) {
+        if (c->has_empty != 0U) {
             workspace[(c->first_delayed - 1) * lanes + lane] = 0;
         }
     }
@@ -631,7 +631,7 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace)
     if (c->bias_mode == BN_BIAS_TERNARY) {
         workspace[c->num_inputs] = (int16_t)(1 << c->frac_bits);
     }
-    if (c->has_empty) {
+    if (c->has_empty != 0U) {
         workspace[c->first_delayed - 1] = 0;
     }
     for (uint16_t i = 0; i < c->num_state; i++) {
@@ -664,7 +664,7 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace)
             state[i] = workspace[bn_slot_of(c, bn_take(&at, c->signal_width))];
         }
     }
-    if (c->has_map) {
+    if (c->has_map != 0U) {
         bn_map_outputs(c, workspace);
     }
 }

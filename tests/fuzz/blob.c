@@ -9,6 +9,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+#if defined(__has_feature)
+#if __has_feature(memory_sanitizer)
+#include <sanitizer/msan_interface.h>
+#define WRITTEN_BY_LIBFUZZER(memory, size) __msan_unpoison(memory, size)
+#endif
+#endif
+#ifndef WRITTEN_BY_LIBFUZZER
+#define WRITTEN_BY_LIBFUZZER(memory, size) ((void)0)
+#endif
+
 enum { STEPS = 6, NOT_A_SIGNAL = -32768 };
 
 static unsigned long num_valid;
@@ -115,6 +125,7 @@ size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsi
 {
     struct bn_controller c;
     const size_t mutated = LLVMFuzzerMutate(data, size, max_size);
+    WRITTEN_BY_LIBFUZZER(data, max_size); /* which MemorySanitizer does not see */
     if (seed % 8 != 0 || mutated == 0) {
         return mutated;
     }
