@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """What bitneat raises when the user can mend it: each error carries its whole message in one line."""
 
-
 MAX_MESSAGE = 1000
 """Characters of a message; one that quotes more from a file loses its middle."""
 
@@ -25,9 +24,12 @@ def printable(text: str) -> str:
 
 
 def _one_line(text: str) -> str:
-    if len(text) > MAX_MESSAGE:
-        text = f"{text[: MAX_MESSAGE // 2]} … {text[-MAX_MESSAGE // 4 :]}"
-    return printable(" ".join(text.split("\n")))
+    # Cut first, since a file of megabytes may be quoted, and again, since an escape is longer than what it stands for.
+    return _cut(printable(" ".join(_cut(text).split("\n"))))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_MESSAGE else f"{text[: MAX_MESSAGE // 2]} … {text[-MAX_MESSAGE // 4 :]}"
 
 
 class CheckFailedError(BitneatError):

@@ -40,7 +40,9 @@ class Analysis:
     functions: int
 
 
-def analyse(main: Path, machine: str = "x86_64", precision: Sequence[str] = TURN_BY_TURN, *, seconds: int = 900) -> Analysis:
+def analyse(
+    main: Path, machine: str = "x86_64", precision: Sequence[str] = TURN_BY_TURN, *, seconds: int = 900
+) -> Analysis:
     """Run Eva on a program, for a machine.
 
     Raises:
@@ -67,8 +69,10 @@ def _interval(limit: int) -> str:
     return f"(int16_t)Frama_C_interval({-limit}, {limit})"
 
 
-def generated_program(folder: Path, controllers: Sequence[Controller], *, styles: Sequence[Style], guard: bool = False) -> Path:
-    """A program that steps the generated C of each controller for ever, on every input of its domain (with a guard: every int16)."""
+def generated_program(
+    folder: Path, controllers: Sequence[Controller], *, styles: Sequence[Style], guard: bool = False
+) -> Path:
+    """A program that steps each controller's C for ever, on every input of its domain (with a guard: every int16)."""
     lines = ['#include "__fc_builtin.h"']
     calls = []
     for number, controller in enumerate(controllers):

@@ -3,45 +3,20 @@
 
 from __future__ import annotations
 
-import random
 from pathlib import Path
 
 import pytest
 
 from bitneat.champion import load
-from bitneat.controller import ACTIVATION_NAMES, Constant, Controller, Input, Link, Node, Signal
+from bitneat.controller import Controller, Input, Link, Node, Signal
+from tests.analysis.controllers import CHAMPIONS, STYLES, one_of_each, rich_controller
 from tests.analysis.eva import MACHINES, MERGED, analyse, any_header_program, generated_program, runtime_program
 from tests.compiled import encodings_of
-from tests.strategies import random_controller
 
-ROOT = Path(__file__).resolve().parents[2]
-CHAMPIONS = {
-    path.parent.name + "-" + path.stem: path
-    for path in sorted([ROOT / "examples/walker/champion.pkl", *(ROOT / "examples/champions").glob("*.pkl")])
-}
-STYLES = ("unrolled", "table")
+pytestmark = pytest.mark.long
+"""Frama-C is a large package; nothing but these tests needs it."""
 
 
-def rich_controller(seed: int) -> Controller:
-    """A random controller with memory, shifts, general biases and a path to an output; with all activations, four of five have a sum."""
-    rng = random.Random(seed)
-    while True:
-        controller = random_controller(rng, size="small", ternary=seed % 2 == 0, feed_forward=seed % 3 == 0, num_nodes=8)
-        if not all(isinstance(output, Constant) for output in controller.canonical.outputs):
-            return controller
-
-
-def one_of_each(frac_bits: int) -> Controller:
-    """A controller with a node of each activation, of every argument, and a clipped sum before it."""
-    nodes = tuple(
-        Node((Link(0), Link(1, 0, 2, -1)), gain=index % 3 - 1, activation=name)
-        for index, name in enumerate(ACTIVATION_NAMES)
-    )
-    outputs = tuple(Signal(2 + index) for index in range(len(nodes)))
-    return Controller((Input(), Input()), nodes, outputs, frac_bits)
-
-
-@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("name", CHAMPIONS)
 def test_the_c_of_a_committed_champion_has_no_undefined_behaviour(tmp_path: Path, name: str, machine: str) -> None:
@@ -49,31 +24,31 @@ def test_the_c_of_a_committed_champion_has_no_undefined_behaviour(tmp_path: Path
     assert analyse(generated_program(tmp_path, [controller], styles=STYLES), machine).alarms == ()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("guard", [False, True])
 @pytest.mark.parametrize("first", range(0, 20, 5))
-def test_the_c_of_random_controllers_has_no_undefined_behaviour(tmp_path: Path, first: int, guard: bool, machine: str) -> None:
+def test_the_c_of_random_controllers_has_no_undefined_behaviour(
+    tmp_path: Path, first: int, guard: bool, machine: str
+) -> None:
     controllers = [rich_controller(seed) for seed in range(first, first + 5)]
     assert analyse(generated_program(tmp_path, controllers, styles=STYLES, guard=guard), machine).alarms == ()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 def test_the_activations_have_no_undefined_behaviour_at_any_precision(tmp_path: Path, machine: str) -> None:
     controllers = [one_of_each(frac_bits) for frac_bits in range(4, 13)]
     assert analyse(generated_program(tmp_path, controllers, styles=STYLES), machine).alarms == ()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("encoding", ["bytes", "rice", "planes", "two_bits", "trits"])
-def test_the_runtime_has_no_undefined_behaviour_on_a_champions_blob(tmp_path: Path, encoding: str, machine: str) -> None:
+def test_the_runtime_has_no_undefined_behaviour_on_a_champions_blob(
+    tmp_path: Path, encoding: str, machine: str
+) -> None:
     controller = load(CHAMPIONS["champions-tiny"]).controller
     assert analyse(runtime_program(tmp_path, controller, encoding), machine).alarms == ()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_the_runtime_has_no_undefined_behaviour_on_random_blobs(tmp_path: Path, seed: int) -> None:
     controller = rich_controller(seed)
@@ -81,7 +56,6 @@ def test_the_runtime_has_no_undefined_behaviour_on_random_blobs(tmp_path: Path, 
         assert analyse(runtime_program(tmp_path, controller, encoding), MACHINES[seed % 3]).alarms == ()
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("frac_bits", range(4, 13))
 def test_the_kernels_of_the_runtime_have_no_undefined_behaviour(tmp_path: Path, frac_bits: int) -> None:
     assert analyse(runtime_program(tmp_path, one_of_each(frac_bits), "bytes")).alarms == ()
@@ -119,7 +93,9 @@ PLANTED = {
 @pytest.mark.parametrize("what", PLANTED)
 def test_planted_undefined_behaviour_is_found(tmp_path: Path, what: str) -> None:
     right, wrong, alarm = PLANTED[what]
-    controller = Controller((Input(0, 500), Input(0, 500)), (Node((Link(0), Link(1)), activation="relu"),), (Signal(2), Signal(0)), 8)
+    controller = Controller(
+        (Input(0, 500), Input(0, 500)), (Node((Link(0), Link(1)), activation="relu"),), (Signal(2), Signal(0)), 8
+    )
     main = generated_program(tmp_path, [controller], styles=("unrolled",))
     source = tmp_path / "unrolled0.c"
     assert right in source.read_text()

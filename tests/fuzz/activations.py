@@ -67,7 +67,7 @@ def _run(number: int) -> Batch:
 
 
 TARGET = Target(
-    what="all activations at all 65,535 arguments for F = 4 to 12, on every target in its styles, against the reference: exhaustive",
+    what="all activations at all 65,535 arguments for F = 4 to 12, on every target and in every style, against the reference",
     unit="evaluations",
     under="-",
     tools=lambda: ", ".join(TARGETS),

@@ -54,7 +54,7 @@ def clang() -> str:
 
 @cache
 def fuzzer(name: str, runtime: Path | None = None) -> Path:
-    """The fuzzer, compiled with the sanitizers that ``SANITIZERS`` has for its name; of another copy of the runtime if one is given."""
+    """The fuzzer with the sanitizers that ``SANITIZERS`` has for its name; of another copy of the runtime if one is given."""
     WORK.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=WORK))
     sources = runtime or runtime_dir()

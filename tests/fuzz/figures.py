@@ -65,7 +65,5 @@ def table(figures: dict[str, dict[str, object]]) -> str:
         seconds = figure["seconds"]
         assert isinstance(seconds, int)
         spent = f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
-        lines.append(
-            f"| `{name}` | {figure['what']} | {cases} | {figure['under']} | {figure['findings']} | {spent} |"
-        )
+        lines.append(f"| `{name}` | {figure['what']} | {cases} | {figure['under']} | {figure['findings']} | {spent} |")
     return "\n".join(lines) + "\n"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The readers of champions and configurations on damaged, hostile and odd files: a valid value, or one line that says what is wrong.
+"""The readers of champions and configurations on damaged, hostile and odd files: a valid value, or one line of error.
 
-What is asked of each is in `read_champion` and `read_config`. The fuzzers whose names end in ``-guided`` have them called by atheris,
-which looks for files that reach new code; the others draw each file from its number.
+What is asked of each is in `read_champion` and `read_config`. The fuzzers whose names end in ``-guided`` have them called by
+atheris, which looks for files that reach new code; the others draw each file from its number.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
@@ -55,7 +56,9 @@ def check(path: Path, content: bytes, read: Callable[[Path], Any]) -> Any:
     except BitneatError as error:
         message = str(error)
         if not message.isprintable() or len(message) > LONGEST_MESSAGE:
-            raise FindingError(f"{path.name}: {content.hex()}: a message that is not one line of text: {message!r}") from None
+            raise FindingError(
+                f"{path.name}: {content.hex()}: a message that is not one line of text: {message!r}"
+            ) from None
         return None
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
@@ -85,10 +88,8 @@ def _use(champion: Champion) -> None:
     assert canonical.canonical == canonical
     vectors = [[entry.limit * sign for entry in controller.inputs] for sign in (1, -1)]
     assert Reference(controller).run(vectors) == Reference(canonical).run(vectors)
-    try:
+    with suppress(BitneatError):  # nothing leads to an output, or the choice does not fit 32 bits
         generate(controller, "c", "unrolled", action=champion.action)
-    except BitneatError:
-        pass  # nothing leads to an output, or the choice does not fit 32 bits
 
 
 def read_config(path: Path) -> config.Config:
@@ -109,7 +110,9 @@ def champion_seeds() -> list[Any]:
         box = BoxAction((-1.0,) * count, (1.0, *(2.5,) * (count - 1)), (count,), "float32")
         action = box if seed % 2 else DiscreteAction(count, seed)
         environment = EnvironmentSpec("Some-v0", {"hard": True, "x": [1, None]}, ("a.b",)) if seed % 3 else None
-        provenance: dict[str, Any] = {"config": "[evolve]\n", "seeds": [1, 2], "score": {"mean": 1.5}} if seed % 3 else {}
+        provenance: dict[str, Any] = (
+            {"config": "[evolve]\n", "seeds": [1, 2], "score": {"mean": 1.5}} if seed % 3 else {}
+        )
         seeds.append(Champion(controller, action, environment, provenance))
     network = FloatNetwork(2, (FloatNode(((0, 0.5), (1, -2.0)), 0.1, 1.0, "tanh"), FloatNode(((2, 1.0),))), (3,))
     seeds.append(FloatChampion(network, DiscreteAction(1)))
@@ -179,7 +182,11 @@ _LIMITS = f"{SECONDS:g} s a file, {MEGABYTES} MB"
 TARGETS: dict[str, Target] = {}
 for _name, _kind in KINDS.items():
     TARGETS[_name] = Target(
-        _kind.what, "files", _LIMITS, lambda: f"Python {sys.version.split()[0]}", lambda n, k=_name: _drawn_batch(k, n)  # type: ignore[misc]
+        _kind.what,
+        "files",
+        _LIMITS,
+        lambda: f"Python {sys.version.split()[0]}",
+        lambda n, k=_name: _drawn_batch(k, n),  # type: ignore[misc]
     )
     TARGETS[f"{_name}-guided"] = Target(
         f"as `{_name}`, guided by coverage",

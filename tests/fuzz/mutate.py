@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mutations of files: bytes, the values of plain data, the opcodes of pickles, the lines of ini files. All drawn from one generator."""
+"""Mutations of files: bytes, the values of plain data, the opcodes of pickles, the lines of ini files."""
 
 from __future__ import annotations
 
@@ -13,24 +13,104 @@ from typing import Any
 VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, 1, -1, 2, 7, 8, 12, 13, 255, 256, 1024, 1025, 16384, 32767, 32768, -32768),
     *(2**31 - 1, 2**31, -(2**31), 2**63, 2**64, 10**400, -(2**1023), 2**1024, 0.0, -0.0, 0.5, 1e-320, 1e308, -1e308),
-    *(float("nan"), float("inf"), float("-inf"), "", "x", "0", "1e5", "\0", "\n", "\x1b[2J", "\ud800", "é", "\u202e", "a" * 300),
+    *(
+        float("nan"),
+        float("inf"),
+        float("-inf"),
+        "",
+        "x",
+        "0",
+        "1e5",
+        "\0",
+        "\n",
+        "\x1b[2J",
+        "\ud800",
+        "é",
+        "\u202e",
+        "a" * 300,
+    ),
     *([], {}, [[]], [{}], {"": 0}, {"kind": "box"}, [0] * 40, [1.5, "a", None], {"a": {"b": {"c": [1]}}}),
 )
 """What a field may hold that it should not, or just about may."""
 
 TOKENS = (
-    *(b"null", b"true", b"NaN", b"Infinity", b"-Infinity", b"1e999", b"-0", b"1e-999", b'"\\ud800"', b"{}", b"[]", b"," * 3),
-    *(b"[" * 200, b'{"a":' * 60, b"9" * 5000, b"\xff\xfe", b"\xef\xbb\xbf", b"\x00", b"\\u0000", b'"\x1b[31m"', b"//", b"\x1b"),
+    *(
+        b"null",
+        b"true",
+        b"NaN",
+        b"Infinity",
+        b"-Infinity",
+        b"1e999",
+        b"-0",
+        b"1e-999",
+        b'"\\ud800"',
+        b"{}",
+        b"[]",
+        b"," * 3,
+    ),
+    *(
+        b"[" * 200,
+        b'{"a":' * 60,
+        b"9" * 5000,
+        b"\xff\xfe",
+        b"\xef\xbb\xbf",
+        b"\x00",
+        b"\\u0000",
+        b'"\x1b[31m"',
+        b"//",
+        b"\x1b",
+    ),
     *(b"format", b"version", b"controller", b"nodes", b"links", b"inputs", b"outputs", b"kind", b"box", b"discrete"),
 )
 LINES = (
-    *("[DEFAULT]", "[evolve]", "[NEAT]", "[BitGenome]", "[PlainGenome]", "[\x1b[2J]", "[]", "[a]b", "]", "=", ":", "= 1", "a\n b\n c"),
-    *("pop_size", "pop_size =", "pop_size = %(x)s", "pop_size = ${x:y}", "generations = 1_000", "generations = 0x10", "generations = \u0661"),
-    *("elitism = nan", "elitism = inf", "race_episodes = 1 2 3", "race_episodes =", "race_fractions = 1.0 nan", "activations = all"),
-    *("input_scales = " + "1 " * 3000, "max_steps = " + "9" * 5000, "fall_reward = none", "fall_reward = NONE", "\ufeff[evolve]", "\0"),
+    *(
+        "[DEFAULT]",
+        "[evolve]",
+        "[NEAT]",
+        "[BitGenome]",
+        "[PlainGenome]",
+        "[\x1b[2J]",
+        "[]",
+        "[a]b",
+        "]",
+        "=",
+        ":",
+        "= 1",
+        "a\n b\n c",
+    ),
+    *(
+        "pop_size",
+        "pop_size =",
+        "pop_size = %(x)s",
+        "pop_size = ${x:y}",
+        "generations = 1_000",
+        "generations = 0x10",
+        "generations = \u0661",
+    ),
+    *(
+        "elitism = nan",
+        "elitism = inf",
+        "race_episodes = 1 2 3",
+        "race_episodes =",
+        "race_fractions = 1.0 nan",
+        "activations = all",
+    ),
+    *(
+        "input_scales = " + "1 " * 3000,
+        "max_steps = " + "9" * 5000,
+        "fall_reward = none",
+        "fall_reward = NONE",
+        "\ufeff[evolve]",
+        "\0",
+    ),
 )
 OPCODES = tuple(opcode.code.encode("latin-1") for opcode in pickletools.opcodes)
-_GLOBALS = (b"cos\nsystem\n(S'true'\ntR", b"\x8c\x02os\x8c\x06system\x93", b"c__builtin__\neval\n", b"\x8c\x08builtins\x8c\x04exec\x93")
+_GLOBALS = (
+    b"cos\nsystem\n(S'true'\ntR",
+    b"\x8c\x02os\x8c\x06system\x93",
+    b"c__builtin__\neval\n",
+    b"\x8c\x08builtins\x8c\x04exec\x93",
+)
 
 
 def mutate_bytes(content: bytes, rng: random.Random) -> bytes:
@@ -87,7 +167,9 @@ def mutate_plain(data: Any, rng: random.Random) -> Any:
                 holder[key:key] = copy.deepcopy(holder[key : key + 3]) * rng.choice((1, 1, 30))
             case _:
                 if isinstance(holder, dict):
-                    holder[rng.choice(("", "x", "\x1b[2J", "links", "a" * 200, "\ud800"))] = copy.deepcopy(rng.choice(VALUES))
+                    holder[rng.choice(("", "x", "\x1b[2J", "links", "a" * 200, "\ud800"))] = copy.deepcopy(
+                        rng.choice(VALUES)
+                    )
     return data
 
 

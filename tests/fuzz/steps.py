@@ -79,7 +79,11 @@ def compare(seeds: range, level: str) -> Batch:
 
 
 def _run(number: int) -> Batch:
-    first, middle, level = FIRST_SEED + number * BATCH, FIRST_SEED + number * BATCH + BATCH // 2, LEVELS[number % len(LEVELS)]
+    first, middle, level = (
+        FIRST_SEED + number * BATCH,
+        FIRST_SEED + number * BATCH + BATCH // 2,
+        LEVELS[number % len(LEVELS)],
+    )
     # The C compiler takes most of the time, so two of them.
     with ThreadPoolExecutor(2) as pool:
         halves = list(pool.map(compare, (range(first, middle), range(middle, first + BATCH)), (level, level)))

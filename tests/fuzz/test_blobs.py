@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""libFuzzer on the runtime, briefly: the corpus and old findings are replayed, something new is tried, and a planted fault is found."""
+"""libFuzzer on the runtime, briefly: corpus and old findings are replayed, new blobs tried, and planted faults found."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def test_a_message_of_more_than_a_line_is_found_out(tmp_path: Path) -> None:
         check(tmp_path / "file", b"x", read)
 
 
-@pytest.mark.parametrize("text", ["a\nb", "\x1b[2J", "\ud800", "\u202eabc", "x" * 10**6])
+@pytest.mark.parametrize("text", ["a\nb", "\x1b[2J", "\ud800", "\u202eabc", "x" * 10**6, "\0" * 900])
 def test_every_error_is_one_line_of_printable_text(text: str) -> None:
     message = str(BitneatError(f"file: {text}: expected less"))
     assert message.isprintable()
