@@ -355,7 +355,7 @@ static void bn_nodes_rice(const struct bn_controller *c, int16_t *signals)
         const unsigned fields = (unsigned)bn_take(&at, (unsigned)(c->activation_bits + c->gain_bits));
         uint32_t sum = (bn_take(&at, c->bias_width) ^ bias_sign) - bias_sign;
         uint32_t left = bn_take_rice(&at, count_k);
-        uint32_t slot = 0U - (c->has_shifts ? 0U : 1U);
+        uint32_t slot = UINT32_C(0) - (c->has_shifts ? 0U : 1U); /* of 32 bits even where an int has 16 */
         while (left-- != 0) {
             slot += (c->has_shifts ? 0U : 1U) + bn_take_rice(&at, gap_k);
             const unsigned shift = (unsigned)bn_take(&at, (c->has_shifts ? 3U : 0U));

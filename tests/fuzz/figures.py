@@ -57,13 +57,19 @@ def record(name: str, figure: dict[str, object]) -> None:
 
 def table(figures: dict[str, dict[str, object]]) -> str:
     """The figures as the Markdown table of docs/verification.md."""
-    lines = ["| fuzzer | what | cases | under | findings left | processor time |", "|---|---|---|---|---|---|"]
-    for name, figure in figures.items():
+    lines = [
+        "| `python -m tests.fuzz` | what | cases | under | findings left | processor time |",
+        "|---|---|---|---|---|---|",
+    ]
+    for figure in figures.values():
+        command = str(figure["command"]).removeprefix("python -m tests.fuzz ").removesuffix(" --record")
         also = figure["also"]
         assert isinstance(also, dict)
         cases = "; ".join(f"{value:,} {unit}" for unit, value in {figure["unit"]: figure["count"], **also}.items())
         seconds = figure["seconds"]
         assert isinstance(seconds, int)
         spent = f"{seconds} s" if seconds < 120 else f"{round(seconds / 60)} min"
-        lines.append(f"| `{name}` | {figure['what']} | {cases} | {figure['under']} | {figure['findings']} | {spent} |")
+        lines.append(
+            f"| `{command}` | {figure['what']} | {cases} | {figure['under']} | {figure['findings']} | {spent} |"
+        )
     return "\n".join(lines) + "\n"
