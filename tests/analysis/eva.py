@@ -20,7 +20,7 @@ from bitneat.codegen import GeneratedC, Style, generate
 from bitneat.controller import Controller
 from bitneat.controller.packing import pack
 from bitneat.native.data import runtime_dir
-from tests.compiled import RUNTIME_SOURCES
+from tests.compiled import RUNTIME_SOURCES, encodings_of
 
 MACHINES = ("x86_64", "x86_16", "ppc_32")
 """An int of 32 bits, one of 16, and a big-endian machine."""
@@ -77,7 +77,11 @@ def generated_program(
     calls = []
     for number, controller in enumerate(controllers):
         for style in styles:
-            code = generate(controller, f"{style}{number}", style, guard=guard)
+            # All decoders in turn, not just the one that is smallest.
+            encodings = encodings_of(controller)
+            code = generate(
+                controller, f"{style}{number}", style, guard=guard, encoding=encodings[number % len(encodings)]
+            )
             code.write(folder)
             lines.append(f'#include "{code.name}.c"')
             calls.append(_step_for_ever(code, controller, guard))
