@@ -70,7 +70,7 @@ static uint32_t bn_floor_shift(uint32_t x, unsigned k)
 /* A value in -32768..32767 as an int16_t. Every conversion is in range whatever x is, which a compiler sees, and an analyser. */
 static int16_t bn_signal(uint32_t x)
 {
-    return (int16_t)((int32_t)((x + 32768U) & 0xFFFFU) - 32768);
+    return (int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768);
 }
 
 /* clamped: clip(u, -One, One) */

@@ -76,12 +76,12 @@ def test_the_smallest_champion_has_no_undefined_behaviour(tmp_path: Path) -> Non
 PLANTED = {
     "a read outside": ("observation[0]", "observation[1000]", "out of bounds"),
     "a signed sum that overflows": (
-        "(int16_t)((int32_t)((x + 32768U) & 0xFFFFU) - 32768)",
+        "(int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768)",
         "(int16_t)((int32_t)x + (int32_t)x)",
         "overflow",
     ),
     "a conversion left to the implementation": (
-        "(int16_t)((int32_t)((x + 32768U) & 0xFFFFU) - 32768)",
+        "(int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768)",
         "(int16_t)x",
         "downcast",
     ),
