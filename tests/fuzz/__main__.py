@@ -24,6 +24,8 @@ TARGETS: dict[str, Target] = {
     **files.TARGETS,
 }
 
+HELP = "a fuzzer; table prints the recorded figures, corpus commits the fewest blobs that reach all that `blobs` has reached"
+
 
 def _processor_seconds() -> float:
     return sum(os.times()[:4])
@@ -56,12 +58,15 @@ def fuzz(name: str, count: int) -> Totals:
 def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__.splitlines()[0])
-    parser.add_argument("target", choices=[*TARGETS, "table"], help="a fuzzer; table prints the recorded figures")
+    parser.add_argument("target", choices=[*TARGETS, "table", "corpus"], help=HELP)
     parser.add_argument("--count", type=int, default=1, help="cases in all, those of earlier runs included")
     parser.add_argument("--batch", type=int, metavar="N", help="run batch N alone: what a finding names")
     parser.add_argument("--fresh", action="store_true", help="start from batch 0, whatever was done before")
     parser.add_argument("--record", action="store_true", help="write the totals into tests/fuzz/figures.json")
     options = parser.parse_args()
+    if options.target == "corpus":
+        blobs.write_corpus()
+        return 0
     if options.target == "table":
         print(table(committed()), end="")
         return 0

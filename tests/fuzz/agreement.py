@@ -18,7 +18,7 @@ from bitneat.controller.packing import ENCODINGS, PackedFormatError, pack, unpac
 from bitneat.native.compiler import host_compiler
 from tests.compiled import SANITIZERS, compile_program
 from tests.fuzz.blobs import CORPUS, read_blobs
-from tests.fuzz.target import WORK, Batch, FindingError, Target
+from tests.fuzz.target import Batch, FindingError, Target, workshop
 from tests.strategies import random_controller
 
 BATCH = 5000
@@ -151,9 +151,8 @@ def mutated(blob: bytes, rng: random.Random) -> bytes:
 
 @cache
 def _start() -> tuple[Path, list[bytes]]:
-    WORK.mkdir(parents=True, exist_ok=True)
     blobs = [*read_blobs(CORPUS), *(blob for blob in valid_blobs(range(200)) if len(blob) < 150)]
-    return build(Path(tempfile.mkdtemp(prefix="agreement-", dir=WORK))), [blob for blob in blobs if blob]
+    return build(Path(tempfile.mkdtemp(prefix="agreement-", dir=workshop()))), [blob for blob in blobs if blob]
 
 
 def _run(number: int) -> Batch:

@@ -15,7 +15,7 @@ from bitneat.controller.packing import pack
 from bitneat.native.compiler import identify
 from bitneat.native.data import runtime_dir
 from tests.compiled import RUNTIME_SOURCES, WARNINGS, encodings_of
-from tests.fuzz.target import WORK, Batch, FindingError, Target
+from tests.fuzz.target import WORK, Batch, FindingError, Target, workshop
 from tests.strategies import random_controller
 
 HERE = Path(__file__).parent
@@ -55,8 +55,7 @@ def clang() -> str:
 @cache
 def fuzzer(name: str, runtime: Path | None = None) -> Path:
     """The fuzzer with the sanitizers that ``SANITIZERS`` has for its name; of another copy of the runtime if one is given."""
-    WORK.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=WORK))
+    folder = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=workshop()))
     sources = runtime or runtime_dir()
     flags = [f"-fsanitize=fuzzer,{SANITIZERS[name]}", "-fno-sanitize-recover=all", "-O1", "-g"]
     files = [HERE / "blob.c", *(sources / "src" / f"{source}.c" for source in RUNTIME_SOURCES)]
@@ -73,7 +72,7 @@ def explore(program: Path, corpus: Path, *, runs: int, seed: int, depth: int, lo
         FindingError: with the input, in hexadecimal, at which it crashed, ran for too long, or used too much memory.
     """
     options = [f"-runs={runs}", f"-seed={seed}", f"-mutate_depth={depth}", f"-max_len={longest}", *LIMITS]
-    with tempfile.TemporaryDirectory(prefix="found-", dir=WORK) as found:
+    with tempfile.TemporaryDirectory(prefix="found-", dir=workshop()) as found:
         done = subprocess.run(
             [program, *options, f"-artifact_prefix={found}/", corpus],
             capture_output=True,
@@ -126,7 +125,13 @@ TARGETS = {
 
 def minimized(name: str, longest: int = 64) -> list[bytes]:
     """The fewest and shortest blobs of the explored corpus that reach all that it reaches."""
-    with tempfile.TemporaryDirectory(prefix="merged-", dir=WORK) as merged:
+    with tempfile.TemporaryDirectory(prefix="merged-", dir=workshop()) as merged:
         options = ["-merge=1", f"-max_len={longest}", *LIMITS]
         subprocess.run([fuzzer(name), *options, merged, WORK / f"{name}-corpus"], capture_output=True, check=True)
         return sorted((path.read_bytes() for path in Path(merged).iterdir()), key=lambda blob: (len(blob), blob))
+
+
+def write_corpus() -> None:
+    """Write the committed corpus anew, from what the fuzzer `blobs` has explored."""
+    head = "# Blobs that together reach all of the runtime that fuzzing has reached: python -m tests.fuzz corpus"
+    CORPUS.write_text("\n".join([head, *(blob.hex() for blob in minimized("blobs"))]) + "\n")

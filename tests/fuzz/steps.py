@@ -13,7 +13,7 @@ import numpy as np
 from bitneat.controller import Constant
 from bitneat.native.compiler import host_compiler
 from tests.compiled import SANITIZERS, Case, reference_outputs, run_compiled
-from tests.fuzz.target import WORK, Batch, FindingError, Target
+from tests.fuzz.target import Batch, FindingError, Target, workshop
 from tests.strategies import input_vectors, random_controller
 
 BATCH = 20
@@ -56,8 +56,7 @@ def compare(seeds: range, level: str) -> Batch:
         FindingError: where an implementation differs from the reference, or a sanitizer objects.
     """
     cases = [drawn_case(seed) for seed in seeds]
-    WORK.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="steps-", dir=WORK) as folder:
+    with tempfile.TemporaryDirectory(prefix="steps-", dir=workshop()) as folder:
         try:
             answers = run_compiled(Path(folder), cases, (level, *SANITIZERS))
         except AssertionError as error:

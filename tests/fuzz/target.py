@@ -3,16 +3,29 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WORK = ROOT / "build" / "fuzz"
-"""Where fuzzers build, keep what they have found interesting, and note how far they are."""
+"""Where fuzzers keep what they have found interesting, and note how far they are."""
 
 MEMORY = Path("/dev/shm") if Path("/dev/shm").is_dir() else None
 """Where files go that are written and read a million times; None for the usual place of temporary files."""
+
+
+@cache
+def workshop() -> Path:
+    """A folder for what this process compiles; gone when it ends."""
+    WORK.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix="compiled-", dir=WORK))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 class FindingError(Exception):

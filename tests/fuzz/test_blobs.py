@@ -11,7 +11,7 @@ import pytest
 
 from bitneat.native.data import runtime_dir
 from tests.fuzz.blobs import CORPUS, REGRESSIONS, SANITIZERS, explore, fuzzer, read_blobs, seeded
-from tests.fuzz.target import WORK, FindingError
+from tests.fuzz.target import FindingError
 
 
 @pytest.mark.parametrize("name", SANITIZERS)
@@ -46,6 +46,5 @@ def test_a_planted_fault_is_found(tmp_path: Path, what: str) -> None:
     source = runtime / "src" / name
     assert right in source.read_text()
     source.write_text(source.read_text().replace(right, wrong))
-    WORK.mkdir(parents=True, exist_ok=True)
     with pytest.raises(FindingError, match=r"blobs: [0-9a-f ]+: "):
         explore(fuzzer("blobs", runtime), seeded(tmp_path / "corpus"), runs=100_000, seed=1, depth=2, longest=256)
