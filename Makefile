@@ -38,7 +38,7 @@ test: $(READY)
 	@$(BIN)/python -m pytest -n auto -m "not long"
 
 test-long: $(READY)
-	@tools/install-debian-tools.sh
+	@tools/install-debian-tools.sh long
 	@BITNEAT_TEST_BUDGET=$(LONG_BUDGET) $(BIN)/python -m pytest -n auto
 
 test-baselines: $(READY)

@@ -23,6 +23,7 @@ from bitneat.controller.activation import PROGRAMS
 from bitneat.controller.packing import ENCODINGS, Layout, pack, shape_of
 from bitneat.native.compiler import host_compiler
 from bitneat.native.data import runtime_dir
+from bitneat.runtime import MAX_LANES
 
 Signals = npt.NDArray[np.int16]
 
@@ -76,19 +77,21 @@ def run_compiled(
         for style in styles:
             name = f"{style}{number}"
             # All decoders in turn, not just the one that is smallest.
-            encodings = _encodings(case.controller)
+            encodings = encodings_of(case.controller)
             code = generate(case.controller, name, style, encoding=encodings[number % len(encodings)])  # type: ignore[arg-type]
             (folder / f"{name}.h").write_text(code.header)
             (folder / f"{name}.c").write_text(code.source)
             lines.append(f'#include "{name}.c"')
             bodies.append(_generated_body(name, case, "state" in code.header and f"struct {name}_state" in code.header))
             names[-1].append(style)
-        for encoding in _encodings(case.controller):
+        for encoding in encodings_of(case.controller):
             blob = pack(case.controller, encoding)
             lines.append(f"static const uint8_t blob_{encoding}{number}[] = {{{','.join(map(str, blob))}}};")
             bodies.append(_runtime_body(f"blob_{encoding}{number}", case))
             names[-1].append(encoding)
-    lines += _reading(cases)
+        bodies.append(_population_body(f"blob_bytes{number}", case))
+        names[-1].append("population")
+    lines += _arrays(cases)
     lines += ["int main(void)", "{", *bodies, "    return 0;", "}", ""]
     (folder / "main.c").write_text("\n".join(lines))
     compile_program(folder / "main.c", folder / "main", flags)
@@ -98,7 +101,7 @@ def run_compiled(
     return _split(done.stdout, cases, names)
 
 
-def _encodings(controller: Controller) -> list[str]:
+def encodings_of(controller: Controller) -> list[str]:
     """The encodings that can express a controller."""
     shape = shape_of(Layout(controller.canonical))
     return [name for name, encoding in ENCODINGS.items() if encoding.applies(shape)]
@@ -127,10 +130,16 @@ def _compile(arguments: Sequence[str]) -> None:
     assert done.returncode == 0, done.stderr[:3000]
 
 
-def _reading(cases: Sequence[Case]) -> list[str]:
+def _arrays(cases: Sequence[Case]) -> list[str]:
     """Every implementation of a case gets the same inputs: they are read once per case into one array."""
     longest = max(case.inputs.size for case in cases)
-    return [f"static int16_t inputs[{longest}];", "static int16_t outputs[4096];"]
+    wide = max(case.inputs.shape[0] * case.inputs.shape[1] * len(case.controller.outputs) for case in cases)
+    lanes = MAX_LANES * max(Layout(case.controller.canonical).workspace_length for case in cases)
+    return [
+        f"static int16_t inputs[{longest}];",
+        f"static int16_t outputs[{max(wide, 4096)}];",
+        f"static int16_t workspaces[{lanes}];",
+    ]
 
 
 def _generated_body(name: str, case: Case, has_state: bool) -> str:
@@ -158,6 +167,21 @@ def _runtime_body(blob: str, case: Case) -> str:
         f"        for (long t = 0; t < {steps}; t++) {{\n"
         f"            bn_step(&c, state, workspace, inputs + (s * {steps} + t) * {width}, outputs);\n"
         f"            fwrite(outputs, 2, {outputs}, stdout);\n        }}\n    }} }}"
+    )
+
+
+def _population_body(blob: str, case: Case) -> str:
+    """Whole sequences in one call each, which takes many steps at a time where there is no state."""
+    sequences, steps, width = case.inputs.shape
+    outputs = len(case.controller.outputs)
+    if not case.controller.is_recurrent:  # or sequences of one step would never fill the lanes
+        sequences, steps = 1, sequences * steps
+    return (
+        f"    {{ struct bn_controller c; static int16_t state[40000]; if (bn_open(&c, {blob}, sizeof {blob}) != BN_OK) return 4;\n"
+        f"      for (long s = 0; s < {sequences}; s++) {{\n"
+        f"        const struct bn_job job = {{&c, state, inputs + s * {steps * width}, outputs, {steps}}};\n"
+        f"        bn_reset(&c, state); bn_population_step(&job, 1, workspaces);\n"
+        f"        fwrite(outputs, 2, {steps * outputs}, stdout);\n    }} }}"
     )
 
 

@@ -3,6 +3,7 @@
 #
 # Installs the Debian packages that the tests can use and that are missing, one line per action. Goes on where it may not:
 # the tests then use the compilers of the ziglang package, or say which tool they lack. BITNEAT_NO_APT=1 turns it off.
+# With the argument `long` also what only the long tests use.
 
 set -u
 
@@ -18,6 +19,7 @@ simavr:simavr
 qemu-system-arm:qemu-system-arm
 riscv64-unknown-elf-gcc:gcc-riscv64-unknown-elf
 chromium:chromium
+cppcheck:cppcheck
 zsh:zsh
 fish:fish
 "
@@ -28,6 +30,17 @@ WANTED_FILES="
 /usr/include/libelf.h:libelf-dev
 "
 
+if [ "${1:-}" = long ]; then
+    WANTED="$WANTED frama-c:frama-c-base"
+fi
+
+# clang's sanitizers and libFuzzer are a package for each version of clang: its name, if clang is there and they are not.
+clang_runtime() {
+    command -v clang >/dev/null 2>&1 || return 0
+    [ -e "$(clang -print-resource-dir)/lib/linux/libclang_rt.fuzzer-$(uname -m).a" ] ||
+        echo "libclang-rt-$(clang -dumpversion | cut -d. -f1)-dev"
+}
+
 missing=""
 for pair in $WANTED; do
     command -v "${pair%%:*}" >/dev/null 2>&1 || missing="$missing ${pair#*:}"
@@ -35,6 +48,7 @@ done
 for pair in $WANTED_FILES; do
     [ -e "${pair%%:*}" ] || missing="$missing ${pair#*:}"
 done
+[ -z "$(clang_runtime)" ] || missing="$missing $(clang_runtime)"
 [ -n "$missing" ] || exit 0
 
 if [ -n "${BITNEAT_NO_APT:-}" ]; then
@@ -61,11 +75,18 @@ apt() {
 
 echo "tools: reading the package lists"
 apt update || echo "tools: could not read them, trying with those at hand"
-for package in $missing; do
-    if apt install --yes --no-install-recommends "$package"; then
-        echo "tools: installed $package"
+install() {
+    if apt install --yes --no-install-recommends "$1"; then
+        echo "tools: installed $1"
     else
-        echo "tools: could not install $package, going on without"
+        echo "tools: could not install $1, going on without"
     fi
+}
+for package in $missing; do
+    install "$package"
 done
+# Of a clang that was installed just now.
+case " $missing " in
+*" clang "*) [ -z "$(clang_runtime)" ] || install "$(clang_runtime)" ;;
+esac
 exit 0

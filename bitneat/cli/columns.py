@@ -6,11 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def printable(text: str) -> str:
-    """The text with what would control a terminal, or could not be printed, escaped."""
-    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text)
-
-
 def columns(head: Sequence[str], rows: Sequence[Sequence[object]], *, indent: str = "  ") -> str:
     """A table with aligned columns, numbers to the right; None is printed as ``-``."""
     texts = [list(head), *(["-" if cell is None else str(cell) for cell in row] for row in rows)]

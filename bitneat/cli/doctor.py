@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bitneat.cli.arguments import add_json
-from bitneat.cli.columns import columns, printable
+from bitneat.cli.columns import columns
+from bitneat.errors import printable
 
 if TYPE_CHECKING:
     from bitneat.doctor import Finding

@@ -31,8 +31,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
-from bitneat.cli.columns import printable
-from bitneat.errors import BitneatError
+from bitneat.errors import BitneatError, printable
 from bitneat.version import __version__
 
 GOOD = 0

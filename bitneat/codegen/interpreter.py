@@ -23,8 +23,6 @@ NARROW_CLIP_MAX = 2**31 - 1 - SIGNAL_MAX
 
 WORD_SUM_MAX = 2**15 - 1
 """The largest magnitude of a sum, and of a sum and a limit together, where the word is an ``unsigned`` of 16 bits."""
-WORD_SIGNAL_MAX = 2**14 - 1
-"""The largest magnitude of a signal that is made of such a word: moved to positive values it still fits an ``int``."""
 
 Word = Literal["uint32_t", "unsigned"]
 """The C type of sums: ``unsigned`` where 16 bits are enough, so that each chip takes the width that suits it."""
@@ -320,7 +318,7 @@ def fits_unsigned(controller: Controller, encoding: str) -> bool:
         return False  # identities alone are clipped to a signal, whose range takes more than 16 bits
     clamped = controller.one
     for node, bounds in zip(controller.nodes, intervals(controller).nodes, strict=True):
-        largest = WORD_SIGNAL_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped
+        largest = WORD_SUM_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped
         if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
             return False
     return (

@@ -9,7 +9,6 @@ from functools import cached_property
 
 from bitneat.codegen.interpreter import (
     NARROW_CLIP_MAX,
-    WORD_SIGNAL_MAX,
     WORD_SUM_MAX,
     InterpreterView,
     Word,
@@ -266,15 +265,11 @@ class _Unroller:
         """
         if self.interface.guard or self.interface.decision_helpers:
             return False
-        stored = {output.index for output in self.controller.outputs if not isinstance(output, Constant)}
-        stored |= set(self.layout.delayed)
-        for index, (node, bounds) in enumerate(
-            zip(self.controller.nodes, self.bounds.nodes, strict=True), start=len(self.controller.inputs)
-        ):
+        for node, bounds in zip(self.controller.nodes, self.bounds.nodes, strict=True):
             if node.activation == "clamped":
                 largest = WORD_SUM_MAX - self.controller.one
             elif node.activation == "identity":
-                largest = WORD_SIGNAL_MAX if index in stored else WORD_SUM_MAX
+                largest = WORD_SUM_MAX
             else:
                 return False
             if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
@@ -283,11 +278,9 @@ class _Unroller:
 
     def stored(self, index: int) -> str:
         """A signal as the int16_t that leaves the function."""
-        first_node = len(self.controller.inputs)
-        if index < first_node and not self.interface.guard:
-            return f"(int16_t)x{index}"
         self.helpers.add("signal")
-        return f"{self.prefix}_signal({self.value(index)})"
+        value = f"x{index}" if index < len(self.controller.inputs) else self.value(index)
+        return f"{self.prefix}_signal({value})"
 
     def value(self, index: int) -> str:
         """A signal as a word."""

@@ -17,8 +17,8 @@ from bitneat.prove.execute import Finished, Machine, Processor, Program
 from bitneat.prove.flags import UnsupportedError
 from bitneat.prove.memory import Region, Violation
 from bitneat.prove.queries import SolverDisagreementError, differ
-from bitneat.prove.semantics import WORD, IntArray, Model, build, random_states
-from bitneat.prove.terms import Atom, Term, Terms, cone, signed_values, values_of
+from bitneat.prove.semantics import IntArray, Model, build, random_states
+from bitneat.prove.terms import WORD, Atom, Term, Terms, cone, signed_values, values_of
 from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.targets.image import Image

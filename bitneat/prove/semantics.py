@@ -21,14 +21,10 @@ from bitneat.controller.activation import Op as Step
 from bitneat.controller.interval import Interval, image, intervals
 from bitneat.controller.ir import MAX_SIGNALS, SIGNAL_MAX, Constant, Node
 from bitneat.controller.reference import node_value
-from bitneat.prove.terms import Atom, Op, Term, Terms, signed_values, values_of
+from bitneat.prove.terms import WORD, Atom, Op, Term, Terms, signed_values, values_of
 from bitneat.verify.vectors import random_vectors
 
 IntArray = npt.NDArray[np.int64]
-
-WORD = 32
-"""Bits in which the reference is written down: every value of it fits, by validation of the controller."""
-
 
 Kind = Literal["limit", "floor", "clip", "activation", "sum"]
 

@@ -24,6 +24,10 @@ Values = npt.NDArray[np.uint64]
 """The value of a term at each sample, modulo 2^width; of terms of at most 64 bits."""
 
 
+WORD = 32
+"""Bits of a number in the reference and in most registers."""
+
+
 class Op(Enum):
     """What kind of term it is; arguments first, then parameters."""
 
@@ -246,6 +250,9 @@ class Terms:
 
     def _extract(self, term: Term, low: int, width: int) -> Term:
         # Bits from the middle of what is no sum stay bits of it: it may turn out to be a cut, of which its parts know nothing.
+        if low and term.width == 2 * WORD and _fits(term.low, term.high, WORD):
+            # A word in a register of two: its upper half repeats the sign.
+            return self._extract_of_extended(self.extract(term, 0, WORD), low, width, is_signed=True)
         match term.op:
             case Op.CONST:
                 return self.const(width, term.params[0] >> low)
@@ -254,7 +261,7 @@ class Terms:
             case Op.EXTRACT:
                 return self.extract(term.args[0], term.params[0] + low, width)
             case Op.ZEXT | Op.SEXT:
-                return self._extract_of_extension(term, low, width)
+                return self._extract_of_extended(term.args[0], low, width, is_signed=term.op is Op.SEXT)
             case Op.VAR if low == 0:
                 assert term.atom is not None
                 return self.var(term.atom, width)
@@ -294,14 +301,13 @@ class Terms:
             at += part.width
         return self.concat(parts)
 
-    def _extract_of_extension(self, term: Term, low: int, width: int) -> Term:
-        inner = term.args[0]
+    def _extract_of_extended(self, inner: Term, low: int, width: int, *, is_signed: bool) -> Term:
         if low + width <= inner.width:
             return self.extract(inner, low, width)
         if low < inner.width:
             rest = self.extract(inner, low, inner.width - low)
-            return self.zext(rest, width) if term.op is Op.ZEXT else self.sext(rest, width)
-        if term.op is Op.ZEXT:
+            return self.sext(rest, width) if is_signed else self.zext(rest, width)
+        if not is_signed:
             return self.const(width, 0)
         return self.sext(self.extract(inner, inner.width - 1, 1), width)
 
@@ -377,7 +383,9 @@ class Terms:
                 return self.sext(term.args[0], width)
             case Op.ITE if term.width > 1:
                 extend = self.zext if lowest == 0 else self.sext
-                return self.ite(term.args[0], *(extend(arg, width) for arg in term.args[1:]))
+                branches = [(arg, extend(arg, width)) for arg in term.args[1:]]
+                if not any(new.op in (Op.ZEXT, Op.SEXT) and new.args[0] is arg for arg, new in branches):
+                    return self.ite(term.args[0], *(new for _, new in branches))
             case _:
                 pass
         return None

@@ -119,10 +119,10 @@ static uint32_t walker_floor_shift_by_sign(uint32_t x, unsigned k)
     return ((x ^ negative) >> k) ^ negative;
 }
 
-/* A value in -32768..32767 as an int16_t; every conversion is in range. */
+/* A value in -32768..32767 as an int16_t. Every conversion is in range whatever x is, which a compiler sees, and an analyser. */
 static int16_t walker_signal(uint32_t x)
 {
-    return (int16_t)((int32_t)(x + 32768U) - 32768);
+    return (int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768);
 }
 
 /* The slot in a record, whether its sign is minus, whether it is the last. Thumb takes fewer instructions for shifts. */

@@ -67,10 +67,10 @@ static uint32_t bn_floor_shift(uint32_t x, unsigned k)
     return ((x + middle) >> k) - (middle >> k);
 }
 
-/* A value in -32768..32767 as an int16_t; every conversion is in range. */
+/* A value in -32768..32767 as an int16_t. Every conversion is in range whatever x is, which a compiler sees, and an analyser. */
 static int16_t bn_signal(uint32_t x)
 {
-    return (int16_t)((int32_t)(x + 32768U) - 32768);
+    return (int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768);
 }
 
 /* clamped: clip(u, -One, One) */
@@ -355,7 +355,7 @@ static void bn_nodes_rice(const struct bn_controller *c, int16_t *signals)
         const unsigned fields = (unsigned)bn_take(&at, (unsigned)(c->activation_bits + c->gain_bits));
         uint32_t sum = (bn_take(&at, c->bias_width) ^ bias_sign) - bias_sign;
         uint32_t left = bn_take_rice(&at, count_k);
-        uint32_t slot = 0U - (c->has_shifts ? 0U : 1U);
+        uint32_t slot = UINT32_C(0) - (c->has_shifts ? 0U : 1U); /* of 32 bits even where an int has 16 */
         while (left-- != 0) {
             slot += (c->has_shifts ? 0U : 1U) + bn_take_rice(&at, gap_k);
             const unsigned shift = (unsigned)bn_take(&at, (c->has_shifts ? 3U : 0U));
@@ -561,7 +561,7 @@ void bn_run_lanes(const struct bn_controller *c, size_t lanes, int16_t *workspac
         if (c->bias_mode == BN_BIAS_TERNARY) {
             workspace[c->num_inputs * lanes + lane] = (int16_t)(1 << c->frac_bits);
         }
-        if (c->has_empty) {
+        if (c->has_empty != 0U) {
             workspace[(c->first_delayed - 1) * lanes + lane] = 0;
         }
     }
@@ -631,7 +631,7 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace)
     if (c->bias_mode == BN_BIAS_TERNARY) {
         workspace[c->num_inputs] = (int16_t)(1 << c->frac_bits);
     }
-    if (c->has_empty) {
+    if (c->has_empty != 0U) {
         workspace[c->first_delayed - 1] = 0;
     }
     for (uint16_t i = 0; i < c->num_state; i++) {
@@ -664,7 +664,7 @@ void bn_run(const struct bn_controller *c, int16_t *state, int16_t *workspace)
             state[i] = workspace[bn_slot_of(c, bn_take(&at, c->signal_width))];
         }
     }
-    if (c->has_map) {
+    if (c->has_map != 0U) {
         bn_map_outputs(c, workspace);
     }
 }

@@ -46,7 +46,7 @@ static uint16_t skip_lists(struct bn_controller *c, struct bn_reader *reader, in
 {
     uint16_t num_delayed = 0;
     c->delayed_at = 0;
-    if (has_delays) {
+    if (has_delays != 0) {
         num_delayed = bn_read_count(reader, (uint16_t)(c->num_inputs + c->num_nodes));
         c->delayed_at = reader->position;
         for (uint16_t i = 0; i < num_delayed; i++) {
@@ -54,14 +54,14 @@ static uint16_t skip_lists(struct bn_controller *c, struct bn_reader *reader, in
         }
     }
     c->outputs_at = reader->position;
-    if (c->has_map) {
+    if (c->has_map != 0U) {
         for (uint16_t i = 0; i < c->num_outputs; i++) {
             (void)bn_read(reader, bn_read(reader, 1) != 0 ? 16U : c->signal_width);
         }
     }
     c->num_classes = 0;
     c->classes_at = reader->position;
-    if (has_classes) {
+    if (has_classes != 0) {
         c->num_classes = bn_read_count(reader, c->num_inputs);
         c->classes_at = reader->position;
         for (uint16_t i = 0; i < c->num_classes; i++) {
@@ -123,7 +123,7 @@ enum bn_status bn_open(struct bn_controller *c, const uint8_t *blob, size_t size
         status = read_gains(c, &reader);
     }
     c->bias_width = c->bias_mode == BN_BIAS_GENERAL ? (uint8_t)bn_read(&reader, 6) : 0;
-    if (reader.failed) {
+    if (reader.failed != 0U) {
         return BN_ERROR_SIZE;
     }
     if (status != BN_OK) {
@@ -138,7 +138,7 @@ enum bn_status bn_open(struct bn_controller *c, const uint8_t *blob, size_t size
     if (!bn_read_padding(&reader)) {
         return BN_ERROR_ORDER;
     }
-    if (reader.failed) {
+    if (reader.failed != 0U) {
         return BN_ERROR_SIZE;
     }
     lay_out(c, num_delayed);

@@ -88,11 +88,9 @@ static enum bn_status check_lists(const struct bn_controller *c, int16_t *limits
     }
     reader.position = c->outputs_at;
     for (uint16_t i = 0; c->has_map && i < c->num_outputs; i++) {
-        if (bn_read(&reader, 1) != 0) {
-            if (bn_read(&reader, 16) == 0x8000U) {
-                return BN_ERROR_RANGE;
-            }
-        } else if (slot_of(c, bn_read(&reader, c->signal_width)) == c->num_slots) {
+        const int constant = bn_read(&reader, 1) != 0;
+        const uint32_t value = bn_read(&reader, constant ? 16U : c->signal_width);
+        if (constant ? value == 0x8000U : slot_of(c, value) == c->num_slots) {
             return BN_ERROR_RANGE;
         }
     }
@@ -126,7 +124,7 @@ static enum bn_status scan_bytes(struct scan *s, struct node *node)
         const uint32_t shift = bn_read(&s->reader, shift_width);
         const uint32_t negative = bn_read(&s->reader, 1);
         last = bn_read(&s->reader, 1);
-        if (s->reader.failed) {
+        if (s->reader.failed != 0U) {
             return BN_ERROR_SIZE;
         }
         if (c->has_empty && slot == zero_slot && (node->links != 0 || shift != 0 || negative != 0 || last == 0)) {
@@ -150,7 +148,7 @@ static enum bn_status scan_rice(struct scan *s, struct node *node)
         slot += step + bn_read_rice(&s->reader, s->gap_k, c->num_slots);
         const uint32_t shift = bn_read(&s->reader, c->has_shifts ? 3U : 0U);
         (void)bn_read(&s->reader, 1);
-        if (s->reader.failed) {
+        if (s->reader.failed != 0U) {
             return BN_ERROR_SIZE;
         }
         if (c->has_empty && slot == (uint32_t)c->first_delayed - 1U) {
@@ -191,7 +189,7 @@ static enum bn_status scan_dense(struct scan *s, struct node *node)
     const struct bn_controller *c = s->c;
     for (uint32_t slot = 0; slot < node->end; slot++) {
         const uint32_t code = next_code(s);
-        if (s->reader.failed) {
+        if (s->reader.failed != 0U) {
             return BN_ERROR_SIZE;
         }
         if (code == 3 || (code != 0 && c->has_empty && slot == (uint32_t)c->first_delayed - 1U)) {
@@ -295,7 +293,7 @@ enum bn_status bn_validate(const struct bn_controller *c, int16_t *workspace)
     if (c->bias_mode == BN_BIAS_TERNARY) {
         workspace[c->num_inputs] = one(c);
     }
-    if (c->has_empty) {
+    if (c->has_empty != 0U) {
         workspace[c->first_delayed - 1] = 0;
     }
     if (status == BN_OK) {

@@ -88,10 +88,10 @@ static uint32_t legs_floor_shift(uint32_t x, unsigned k)
     return ((x + middle) >> k) - (middle >> k);
 }
 
-/* A value in -32768..32767 as an int16_t; every conversion is in range. */
+/* A value in -32768..32767 as an int16_t. Every conversion is in range whatever x is, which a compiler sees, and an analyser. */
 static int16_t legs_signal(uint32_t x)
 {
-    return (int16_t)((int32_t)(x + 32768U) - 32768);
+    return (int16_t)((int32_t)(uint16_t)(x + 32768U) - 32768);
 }
 
 /* hat: max(0, One - |u|) */
@@ -155,7 +155,7 @@ void legs_step(struct legs_state *state, const int16_t observation[LEGS_NUM_INPU
     sum2 += ((uint32_t)observation[0] & (0U - ((uint32_t)legs_weights[1] >> 4 & 1U))) - ((uint32_t)observation[0] & (0U - ((uint32_t)legs_weights[1] >> 5 & 1U)));
     const uint32_t n2 = legs_act_hat(sum2 << 2);
 
-    state->delayed[0] = (int16_t)x2;
+    state->delayed[0] = legs_signal(x2);
     state->delayed[1] = legs_signal(n1);
     action[0] = legs_signal(n1);
     action[1] = legs_signal(n2);
