@@ -151,7 +151,15 @@ class Equivalence:
             if part.atom is None and parts[part] in (1, -1) and part not in self._settled:
                 others = {one: c for one, c in parts.items() if one is not part}
                 rest = self._terms.sub(cut, self._terms.lin(term.width, constant, others))
-                self._settled[part] = self._terms.times(rest, parts[part])
+                value = self._terms.times(rest, parts[part])
+                self._settled[part] = value
+                for width in _WIDTHS:  # the same in other registers
+                    for resize in (self._terms.sext, self._terms.zext) if width > term.width else ():
+                        self._settled.setdefault(resize(part, width), resize(value, width))
+                    if width < term.width:
+                        self._settled.setdefault(
+                            self._terms.extract(part, 0, width), self._terms.extract(value, 0, width)
+                        )
                 return
 
     def _with_settled(self, term: Term) -> Term:
