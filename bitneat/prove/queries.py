@@ -50,7 +50,7 @@ def differ(
         SolverDisagreementError: if they contradict each other.
     """
     text, names = smtlib(left, right, known)
-    answers = [_ASK[name](text, names, seconds) for name in SOLVERS[: 2 if paranoid else 1]]
+    answers = [queries_by[name](text, names, seconds) for name in SOLVERS[: 2 if paranoid else 1]]
     outcomes = {answer.outcome for answer in answers}
     if {"equal", "differ"} <= outcomes:
         raise SolverDisagreementError(f"{' and '.join(SOLVERS)} disagree about:\n{text}")
@@ -173,4 +173,5 @@ def _signed(value: int, width: int) -> int:
     return value - (1 << width) if value >> (width - 1) else value
 
 
-_ASK = {"bitwuzla": _ask_bitwuzla, "z3": _ask_z3}
+queries_by = {"bitwuzla": _ask_bitwuzla, "z3": _ask_z3}
+"""How each solver is asked."""

@@ -103,13 +103,24 @@ def main() -> int:
             lemmas = sum(each.exhaustive + each.solver + each.known for each in effort)
             instructions = pair.functions[0].instructions
             new.append(
-                [*own, one.style, pair.target, pair.optimization, pair.verdict, len(pair.functions), instructions, lemmas]
+                [
+                    *own,
+                    one.style,
+                    pair.target,
+                    pair.optimization,
+                    pair.verdict,
+                    len(pair.functions),
+                    instructions,
+                    lemmas,
+                ]
                 + [f"{pair.seconds:.1f}"]
             )
             if not pair.proved:
                 refused += 1
                 reasons = "; ".join(f"{proof.function}: {proof.reason}" for proof in pair.functions if proof.reason)
-                print(f"seed {seed}: {pair.target} {pair.optimization} {one.style}: {pair.verdict}: {reasons}", flush=True)
+                print(
+                    f"seed {seed}: {pair.target} {pair.optimization} {one.style}: {pair.verdict}: {reasons}", flush=True
+                )
         with args.output.open("a", newline="") as file:  # all rows of a seed at once: what is there is whole
             csv.writer(file, lineterminator="\n").writerows(new)
         print(f"seed {seed}: {len(new)} binaries", file=sys.stderr, flush=True)
