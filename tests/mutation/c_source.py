@@ -57,7 +57,7 @@ _NARROWER = {
     "unsigned": "unsigned char",
     "int": "signed char",
 }
-_STATEMENT = re.compile(r"^([ ]+)((?!const |return|static |for |struct |enum |unsigned |u?int|size_t|\}|#|/|case|default|break)[^;{}\n]*[^;{}\s][^;{}\n]*;)", re.MULTILINE)  # fmt: skip
+_STATEMENT = re.compile(r"^([ ]+)((?! |const |return|static |for |struct |enum |unsigned |u?int|size_t|\}|#|/|case|default|break)[^;{}\n]*[^;{}\s][^;{}\n]*;)", re.MULTILINE)  # fmt: skip
 _CONDITION = re.compile(r"\{% (if|elif) (.+?) %\}")
 _JINJA_TYPE = re.compile(r"\{\{ (?:m\.|u\.)?word \}\}")
 

@@ -156,6 +156,15 @@ def _by_hand() -> dict[str, Controller]:
             ),
             tuple(Signal(2 + i) for i in range(8)),
         ),
+        "largest sums of every activation": Controller(
+            (Input(), Input()),
+            tuple(
+                Node((Link(0, 0, 7, 1), Link(1, 0, 7, 1)), bias, gain, activation)
+                for activation in ACTIVATION_NAMES
+                for bias, gain in ((2**31 - 1 - 2 * (32767 << 7), 0), (-(2**24 - 1 - 2 * (32767 << 7)), 7))
+            ),
+            tuple(Signal(2 + i) for i in range(2 * len(ACTIVATION_NAMES))),
+        ),
         "every shift and sign": Controller(
             (Input(0, 300), Input(0, 300)),
             tuple(

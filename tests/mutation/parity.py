@@ -11,12 +11,14 @@ import re
 import subprocess
 from collections import Counter
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from bitneat.codegen import GeneratedC, generate, selftest
 from bitneat.codegen.runtime import interpreter
+from bitneat.controller import Controller
 from bitneat.controller.packing import pack
 from tests.mutation.corpus import Subject, encodings
 
@@ -224,8 +226,7 @@ def generated_source(subjects: Sequence[Subject], chosen: Sequence[Instance]) ->
             tests.append(number)
         # All arguments of the activations in one encoding: how links are written has nothing to do with them.
         for encoding in encodings(controller)[: 1 if len(subject.case.inputs) > MANY else None]:
-            blob = pack(controller, encoding)
-            texts.append(f"static const uint8_t blob{number}_{encoding}[] = {{{','.join(map(str, blob))}}};")
+            texts.append(f"static const uint8_t blob{number}_{encoding}[] = {{{_bytes(controller, encoding)}}};")
             packed.append(f'{{{number}, "{encoding}", blob{number}_{encoding}, sizeof blob{number}_{encoding}}},')
     texts.append("static int selftests(void)\n{")
     # An untouched step passes; one with a wrong output fails at that step.
@@ -275,6 +276,11 @@ def _thunks(texts: list[str], name: str, number: int, subject: Subject, has_stat
     texts.append(f"static void step_{own}(const int16_t *o, int16_t *a) {{ {body}{check} }}")
     decide = f"{name}_decide" if subject.start is not None else "NULL"
     return f'{{{number}, "{own}", reset_{own}, step_{own}, {decide}, {subject.start or 0}}},'
+
+
+@cache
+def _bytes(controller: Controller, encoding: str) -> str:
+    return ",".join(map(str, pack(controller, encoding)))
 
 
 def runtime_source() -> str:

@@ -23,13 +23,17 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
+from bitneat.controller import packing, passes
 from bitneat.controller.packing import PackedFormatError, unpack
 from tests.mutation import parity
 from tests.mutation.c_source import Mutant, mutants
 from tests.mutation.corpus import subjects
 from tests.runtime.test_validate import PROGRAM, mutated, valid_blobs
+
+generating = sys.modules["bitneat.codegen.generate"]  # the package has a function of that name
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATES = ("arithmetic", "common", "interpreter", "kernels", "runtime_interpreter", "selftest", "table", "unrolled")
@@ -59,12 +63,22 @@ class Outcome:
         return self.outcome == "survived"
 
 
+def _remember() -> None:
+    """What no mutant of C changes is computed once: blobs and optimized controllers."""
+    packing.pack_blob = cache(packing.pack_blob)
+    passes.optimize = cache(passes.optimize)
+    passes.order_depth_first = cache(passes.order_depth_first)
+    generating.pack_blob, generating.optimize = packing.pack_blob, passes.optimize
+    generating.order_depth_first = passes.order_depth_first
+
+
 class Judge:
     """Compiles and runs the corpus with a mutant in it, in a folder of its own."""
 
     def __init__(self, folder: Path, *, sanitize: bool) -> None:
         self.folder = folder
         self.sanitize = sanitize
+        _remember()
         self.subjects = subjects()
         self.chosen = parity.instances(self.subjects)
         parity.write_data(self.subjects, folder / "data")
@@ -242,7 +256,7 @@ def main() -> int:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", nargs="*", default=list(FILES), help="default: all")
-    parser.add_argument("--sample", type=int, help="so many mutants of all, drawn with seed 1")
+    parser.add_argument("--sample", type=int, help="so many mutants, drawn with seed 1")
     parser.add_argument("--quick", action="store_true", help="without the sanitizers, which take most of the time")
     parser.add_argument("-o", "--output", type=Path, required=True)
     arguments = parser.parse_args()
@@ -252,8 +266,9 @@ def main() -> int:
         done = {(row["path"], row["before"], row["after"], row["line"]) for row in rows}
     found = all_mutants(arguments.files)
     todo = [mutant for _, listed in found.values() for mutant in listed]
-    if arguments.sample is not None:
-        todo = random.Random(1).sample(todo, min(arguments.sample, len(todo)))
+    # In an order of chance, so that what has been run when somebody stops it is a sample of all.
+    random.Random(1).shuffle(todo)
+    todo = todo[: arguments.sample]
     todo = [mutant for mutant in todo if (*mutant.key, mutant.line) not in done]
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory(prefix="bitneat-mutation-") as folder:

@@ -70,7 +70,7 @@ def main() -> int:
     parser.add_argument("files", nargs="+", type=Path, help="modules to mutate, as bitneat/controller/ir.py")
     parser.add_argument("--coverage", nargs="+", type=Path, required=True)
     parser.add_argument("--junit", nargs="+", type=Path, required=True)
-    parser.add_argument("--sample", type=int, help="so many mutants of all, drawn with seed 1")
+    parser.add_argument("--sample", type=int, help="so many mutants, drawn with seed 1")
     parser.add_argument("--most-seconds", type=float, default=60.0, help="of tests for one mutant")
     parser.add_argument("-o", "--output", type=Path, required=True)
     arguments = parser.parse_args()
@@ -87,10 +87,9 @@ def main() -> int:
         name = str(file.resolve().relative_to(ROOT))
         sources[name] = (ROOT / name).read_text(encoding="utf-8")
         todo += mutants(name, sources[name])
-    if arguments.sample is not None:
-        todo = sorted(
-            random.Random(1).sample(todo, min(arguments.sample, len(todo))), key=lambda m: (m.path, m.number)
-        )
+    # In an order of chance, so that what has been run when somebody stops it is a sample of all.
+    random.Random(1).shuffle(todo)
+    todo = todo[: arguments.sample]
     todo = [mutant for mutant in todo if (mutant.path, mutant.number) not in done]
     with tempfile.TemporaryDirectory(prefix="bitneat-mutation-") as folder:
         copy = Path(folder)
