@@ -170,8 +170,8 @@ Instance = tuple[int, str]
 """The number of a subject, and ``unrolled`` or the encoding of its table."""
 
 
-def instances(subjects: Sequence[Subject]) -> list[Instance]:
-    """Those whose C has a line, numbers and names apart, that fewer than two before it have."""
+def instances(subjects: Sequence[Subject], times: int = 2) -> list[Instance]:
+    """Those whose C has a line, numbers and names apart, that fewer than ``times`` before it have."""
     seen: Counter[str] = Counter()
     chosen = []
     for number, subject in enumerate(subjects):
@@ -179,8 +179,8 @@ def instances(subjects: Sequence[Subject]) -> list[Instance]:
         for kind in kinds if subject.styles else []:
             code = _generated(subject, f"s{number}", kind)
             shapes = {_shape(line) for line in code.source.splitlines()}
-            special = (subject.guard or subject.start is not None) and kind in ("unrolled", "bytes")
-            if special or any(seen[shape] < 2 for shape in shapes):
+            special = times > 1 and (subject.guard or subject.start is not None) and kind in ("unrolled", "bytes")
+            if special or any(seen[shape] < times for shape in shapes):
                 chosen.append((number, kind))
                 seen.update(shapes)
     return chosen

@@ -20,6 +20,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import weakref
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -80,7 +81,7 @@ class Judge:
         self.sanitize = sanitize
         _remember()
         self.subjects = subjects()
-        self.chosen = parity.instances(self.subjects)
+        self.few, self.chosen = parity.instances(self.subjects, 1), parity.instances(self.subjects)
         parity.write_data(self.subjects, folder / "data")
         for name in ("include", "src"):
             shutil.copytree(ROOT / "runtime_c" / name, folder / name)
@@ -125,10 +126,18 @@ class Judge:
                 return self._stages(runtime=True, reads_blobs=file.name in READS_BLOBS)
             finally:
                 file.write_text(source)
-        rendered = _in_child(lambda: _rendered(mutant.path, text, self))
+        # Most mutants show in the C of a few controllers.
+        rendered = _in_child(lambda: _rendered(mutant.path, text, self, self.few))
         if rendered is None:
             return Outcome("compile", "codegen fails")
-        main, interpreter = rendered
+        try:
+            self._write(*rendered)
+            outcome = self._run(self.quick, "quick", runtime=False, reads_blobs=False)
+        finally:
+            self._write(self.main, self.interpreter)
+        if not outcome.survived:
+            return outcome
+        main, interpreter = _in_child(lambda: _rendered(mutant.path, text, self, self.chosen)) or ("", "")
         if (main, interpreter) == (self.main, self.interpreter):
             return Outcome("survived", "no text changes")
         try:
@@ -192,19 +201,18 @@ def _blobs() -> tuple[list[bytes], list[bool | None]]:
     return blobs, refused
 
 
-def _rendered(path: str, text: str, judge: Judge) -> tuple[str, str]:
+def _rendered(path: str, text: str, judge: Judge, chosen: Sequence[parity.Instance]) -> tuple[str, str]:
     """The program and the interpreter with a template or a module of code generation replaced; changes this process."""
     import jinja2
 
     if path.endswith(".j2"):
         from bitneat.codegen.templating import environment
 
-        name = Path(path).name
-        loader = environment().loader
-        assert loader is not None
-        environment().loader = jinja2.ChoiceLoader([jinja2.DictLoader({name: text}), loader])
-        environment().bytecode_cache = None
-        environment().cache = {}
+        # Into Jinja's own cache of templates, so that the others need not be compiled again.
+        name, jinja = Path(path).name, environment()
+        compiled = jinja2.Template.from_code(jinja, jinja.compile(text, name), jinja.make_globals(None))
+        assert jinja.cache is not None
+        jinja.cache[weakref.ref(jinja.loader), name] = compiled  # type: ignore[index]
         generated, interpreter = parity.generated_source, parity.runtime_source
     else:
         module = path.removesuffix(".py").replace("/", ".")
@@ -223,7 +231,7 @@ def _rendered(path: str, text: str, judge: Judge) -> tuple[str, str]:
         sys.meta_path.insert(0, Finder())  # type: ignore[arg-type]
         fresh = importlib.import_module(parity.__name__)
         generated, interpreter = fresh.generated_source, fresh.runtime_source
-    return generated(judge.subjects, judge.chosen), interpreter()
+    return generated(judge.subjects, chosen), interpreter()
 
 
 def _in_child(work: Callable[[], tuple[str, str]]) -> tuple[str, str] | None:

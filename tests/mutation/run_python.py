@@ -23,10 +23,13 @@ from pathlib import Path
 from coverage import CoverageData
 
 from tests.mutation.python_source import Mutant, mutants, mutated
-from tests.mutation.warm import ROOT, Runner, by_duration, copy_of_checkout
+from tests.mutation.warm import ROOT, Runner, in_order, copy_of_checkout
 
 FIRST_SECONDS = 2.0
 """Tests that together take that long are tried first: most mutants die there."""
+FIRST_TESTS = 24
+CHECKED_SECONDS = 30.0
+"""Of tests that must pass before there is a mutant."""
 
 
 def read_durations(files: Iterable[Path]) -> dict[str, float]:
@@ -96,7 +99,7 @@ def main() -> int:
         copy_of_checkout(copy)
         runner = Runner(copy, sorted({test.split("::")[0] for test in durations}))
         used = set[str]().union(*(tests_of(m, contexts[m.path], durations) for m in todo))
-        check = runner.run(by_duration(used, durations, arguments.most_seconds), 60 + 5 * arguments.most_seconds)
+        check = runner.run(in_order(used, durations, CHECKED_SECONDS), 60 + 5 * CHECKED_SECONDS)
         if check.outcome != "passed":
             print(f"without a mutant: {check.outcome} {check.test}", file=sys.stderr)
             return 2
@@ -115,15 +118,15 @@ def judge(
 ) -> dict[str, object]:
     """What the tests say of one mutant."""
     tests = tests_of(mutant, lines, durations)
-    ordered = by_duration(tests, durations, most)
-    first = by_duration(ordered, durations, FIRST_SECONDS)
+    ordered = in_order(tests, durations, most)
+    first = in_order(ordered, durations, FIRST_SECONDS)[:FIRST_TESTS]
     file = runner.copy / mutant.path
     try:
         file.write_text(mutated(source, mutant.number), encoding="utf-8")
         for compiled in (file.parent / "__pycache__").glob(f"{file.stem}.*.pyc"):
             compiled.unlink()
         verdict = runner.run(first, 20 + 10 * FIRST_SECONDS)
-        rest = ordered[len(first) :]
+        rest = [test for test in ordered if test not in first]
         if not verdict.caught and rest:
             verdict = runner.run(rest, 30 + 5 * most)
     finally:
