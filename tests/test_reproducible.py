@@ -54,7 +54,18 @@ for path, arguments in json.loads(sys.argv[2]):
 
 EVOLVE = ["evolve", "--env", "CartPole-v1", "--config", "small.ini", "--seed", "3", "--workers", "1", "-o", "run"]
 CODEGEN = ["codegen", "run/champion.pkl", "-o", "walker.c", "--selftest"]
-REPORT = ["report", "run/champion.pkl", "-o", "report.html", "--targets", "host-unrolled,host-table", "--episodes", "1", "--seeds", "4"]
+REPORT = [
+    "report",
+    "run/champion.pkl",
+    "-o",
+    "report.html",
+    "--targets",
+    "host-unrolled,host-table",
+    "--episodes",
+    "1",
+    "--seeds",
+    "4",
+]
 COMMANDS = (EVOLVE, CODEGEN, REPORT)
 
 
@@ -141,7 +152,9 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 def test_all_that_is_compared_is_there_and_sizes_are_of_two_compilers(expected: dict[str, bytes]) -> None:
-    assert {"run/champion.pkl", "run/champion.json", "run/history.csv", "walker.c", "walker.h", "report.html"} <= set(expected)
+    assert {"run/champion.pkl", "run/champion.json", "run/history.csv", "walker.c", "walker.h", "report.html"} <= set(
+        expected
+    )
     compilers = []
     for name in ("gcc.json", "clang.json"):
         targets = json.loads(expected[name])["targets"]

@@ -175,7 +175,9 @@ def _code(source: str) -> str:
     for pattern in _HIDDEN:
         text = pattern.sub(lambda found: _blank(found[0]), text)
     # Of an expression of Jinja a letter stays, so that `+ {{ x }}` is still a sum.
-    return re.sub(r"\{\{.*?\}\}", lambda found: found[0] if _JINJA_TYPE.fullmatch(found[0]) else "j" * len(found[0]), text)
+    return re.sub(
+        r"\{\{.*?\}\}", lambda found: found[0] if _JINJA_TYPE.fullmatch(found[0]) else "j" * len(found[0]), text
+    )
 
 
 def _without_foreign(source: str) -> str:

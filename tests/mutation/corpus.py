@@ -25,9 +25,12 @@ from bitneat.controller import (
     Node,
     Signal,
 )
-from bitneat.controller.packing import ENCODINGS, Layout, pack_blob, shape_of
+from bitneat.controller.packing import ENCODINGS, Layout, PackedFormatError, pack, pack_blob, shape_of, unpack
+from bitneat.controller.packing.bits import BitWriter
+from bitneat.controller.packing.blob import _pack
 from bitneat.verify.vectors import random_vectors
 from tests.compiled import Case, Signals, reference_outputs
+from tests.runtime.test_validate import mutated, valid_blobs
 from tests.strategies import input_vectors, random_controller
 
 VECTORS = 144
@@ -45,11 +48,25 @@ class Subject:
     """The first action, if the outputs are a choice among actions."""
     styles: bool = True
     """Whether C is generated; else the runtime alone runs it."""
+    canonical: bool = True
+    """Whether its blobs are those of its canonical form, as bitneat's are; else of the controller as it is, which the runtime takes too."""
 
     @property
     def action(self) -> DiscreteAction | None:
         """The action space of a choice."""
         return None if self.start is None else DiscreteAction(len(self.case.controller.outputs), self.start)
+
+    def blobs(self) -> dict[str, bytes]:
+        """The controller in every encoding that can express it."""
+        controller = self.case.controller
+        if self.canonical:
+            return {name: pack(controller, name) for name in encodings(controller)}
+        layout = Layout(controller)
+        return {
+            name: _pack(layout, encoding).data
+            for name, encoding in ENCODINGS.items()
+            if encoding.applies(shape_of(layout))
+        }
 
 
 def encodings(controller: Controller) -> list[str]:
@@ -150,7 +167,13 @@ def _by_hand() -> dict[str, Controller]:
                     gain,
                     activation,
                 )
-                for gain, activation in ((-7, "identity"), (-1, "identity"), (0, "clamped"), (1, "tanh"), (7, "identity"))
+                for gain, activation in (
+                    (-7, "identity"),
+                    (-1, "identity"),
+                    (0, "clamped"),
+                    (1, "tanh"),
+                    (7, "identity"),
+                )
                 for sign in (1, -1)
                 if (2**31 - 1 >> max(gain, 0)) > 2 * (32767 << 7)
             ),
@@ -263,9 +286,21 @@ def _much_of_everything() -> Controller:
     """More inputs, kinds of inputs, nodes, delayed signals and outputs than a byte can count."""
     inputs = tuple(Input(i % 16 - 8, 40 + i) for i in range(300))
     nodes = tuple(
-        Node((Link(i), Link(300 + i, 1, sign=-1), *((Link(299 + i),) if i else ())), 0, 0, "identity") for i in range(300)
+        Node((Link(i), Link(300 + i, 1, sign=-1), *((Link(299 + i),) if i else ())), 0, 0, "identity")
+        for i in range(300)
     )
     return Controller(inputs, nodes, tuple(Signal(599 - i) for i in range(290)))
+
+
+def _as_it_is() -> Controller:
+    """A node of nothing, which a controller without state has only where it is not canonical; and a constant One beside it."""
+    nodes = (
+        Node(activation="identity"),
+        Node((Link(0), Link(2)), 256, 0, "identity"),
+        Node((Link(3), Link(2, sign=-1), Link(1, sign=-1)), -256, 0, "identity"),
+        Node((), 256, 0, "identity"),
+    )
+    return Controller((Input(0, 3000), Input(0, 500)), nodes, (Signal(3), Signal(2), Signal(4), Signal(5)))
 
 
 @cache
@@ -289,5 +324,53 @@ def subjects() -> tuple[Subject, ...]:
     for many in (_many_slots(), _much_of_everything()):
         few = Case(many, _vectors(many, 9, STEPS))
         found.append(Subject(few, reference_outputs(few).astype(np.int16), styles=False))
+    found.append(_subject(_as_it_is(), 10, styles=False, canonical=False))
     found += _activations()
     return tuple(found)
+
+
+def _without_delays_after_all() -> bytes:
+    """A header that says that there are delayed signals, and then that there are 0."""
+    writer = BitWriter()
+    for value, width in ((1, 3), (0, 3), (4, 4), (0, 2), (0, 1), (1, 1), (0, 1), (0, 1), (0, 1)):
+        writer.put(value, width)
+    for count in (1, 1, 1):
+        writer.put_count(count)
+    for value, width in ((0, 1), (1, 4), (7, 4), (0, 3)):
+        writer.put(value, width)
+    writer.put_count(0)
+    writer.align()
+    writer.put(0x80, 8)
+    return writer.to_bytes()
+
+
+@cache
+def blobs() -> tuple[list[bytes], list[bool | None]]:
+    """Blobs of all kinds, and for each whether Python refuses it; None where it only objects to another form of the same."""
+    rng = random.Random(22)
+    good = valid_blobs(range(120))
+    found = [*good, *(mutated(rng.choice(good), rng) for _ in range(4000))]
+    found += [bytes([rng.randrange(5) << 3 | 1]) + rng.randbytes(rng.randint(0, 40)) for _ in range(1000)]
+    # One bit away from sums that just fit, and from each feature of a header.
+    most = 2**31 - 1 - 2 * 32767
+    for controller in (
+        Controller((Input(), Input()), (Node((Link(0), Link(1, sign=-1)), most, 0, "tanh"),), (Signal(2),)),
+        Controller((Input(1, 5), Input()), (Node((Link(0), Link(2, 1))), Node((), 256)), (Signal(3), Constant(-9))),
+        Controller(
+            (Input(), Input(2, 9)), (Node((Link(0, shift=3), Link(1, 1, 1)), 77, -2, "abs"),), (Signal(2), Signal(0))
+        ),
+        Controller((Input(), Input()), (Node(), Node((Link(0, shift=1), Link(2, 1, 1)))), (Signal(3),)),
+    ):
+        for name in encodings(controller):
+            blob = pack(controller, name)
+            number = int.from_bytes(blob, "little")
+            found += [(number ^ 1 << bit).to_bytes(len(blob), "little") for bit in range(8 * len(blob))]
+    found += [b"", _without_delays_after_all()]
+    refused: list[bool | None] = []
+    for blob in found:
+        try:
+            unpack(blob)
+            refused.append(False)
+        except PackedFormatError as error:
+            refused.append(None if "canonical" in str(error) else True)
+    return found, refused

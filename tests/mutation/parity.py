@@ -11,15 +11,12 @@ import re
 import subprocess
 from collections import Counter
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from bitneat.codegen import GeneratedC, generate, selftest
 from bitneat.codegen.runtime import interpreter
-from bitneat.controller import Controller
-from bitneat.controller.packing import pack
 from tests.mutation.corpus import Subject, encodings
 
 RUNTIME_SOURCES = ("open", "reader", "validate", "population")
@@ -98,6 +95,9 @@ static void run_packed(const struct packed *p)
     memset(&d, 0x5A, sizeof d);
     if (bn_controller_size() != sizeof c) differs(p->name, p->subject, 0, 0, "size");
     if (bn_open(&c, blob, p->size) != BN_OK) differs(p->name, p->subject, 0, 0, "open");
+    /* Of sizes whose bits 32 bits can count the header alone is read here; larger ones are refused before anything is. */
+    const size_t most = (size_t)UINT32_MAX / 8;
+    if (bn_open(&d, blob, most) != BN_OK || bn_open(&d, blob, most + 1) != BN_ERROR_SIZE) differs(p->name, p->subject, 0, 0, "largest size");
     if (c.num_inputs != s->inputs || c.num_outputs != s->outputs) differs(p->name, p->subject, 0, 0, "shape");
     if (c.workspace_length < s->inputs + s->outputs - 1 && c.workspace_length < s->inputs) differs(p->name, p->subject, 0, 0, "workspace");
     const size_t length = c.workspace_length;
@@ -222,11 +222,15 @@ def generated_source(subjects: Sequence[Subject], chosen: Sequence[Instance]) ->
         if subject.styles and number % 16 == 0:
             code = generate(controller, f"t{number}", "unrolled")
             test = selftest(code, controller).replace(f'#include "t{number}.h"\n', "")
-            texts += [code.header, code.source.replace(f'#include "t{number}.h"\n', ""), *_selftest(test, number, f"struct t{number}_state" in code.header)]
+            texts += [
+                code.header,
+                code.source.replace(f'#include "t{number}.h"\n', ""),
+                *_selftest(test, number, f"struct t{number}_state" in code.header),
+            ]
             tests.append(number)
         # All arguments of the activations in one encoding: how links are written has nothing to do with them.
-        for encoding in encodings(controller)[: 1 if len(subject.case.inputs) > MANY else None]:
-            texts.append(f"static const uint8_t blob{number}_{encoding}[] = {{{_bytes(controller, encoding)}}};")
+        for encoding in list(_blobs(subject))[: 1 if len(subject.case.inputs) > MANY else None]:
+            texts.append(f"static const uint8_t blob{number}_{encoding}[] = {{{_blobs(subject)[encoding]}}};")
             packed.append(f'{{{number}, "{encoding}", blob{number}_{encoding}, sizeof blob{number}_{encoding}}},')
     texts.append("static int selftests(void)\n{")
     # An untouched step passes; one with a wrong output fails at that step.
@@ -278,9 +282,14 @@ def _thunks(texts: list[str], name: str, number: int, subject: Subject, has_stat
     return f'{{{number}, "{own}", reset_{own}, step_{own}, {decide}, {subject.start or 0}}},'
 
 
-@cache
-def _bytes(controller: Controller, encoding: str) -> str:
-    return ",".join(map(str, pack(controller, encoding)))
+def _blobs(subject: Subject) -> dict[str, str]:
+    """The blobs as C has them; computed once, as no mutant changes them."""
+    if id(subject) not in _BLOBS:
+        _BLOBS[id(subject)] = {name: ",".join(map(str, blob)) for name, blob in subject.blobs().items()}
+    return _BLOBS[id(subject)]
+
+
+_BLOBS: dict[int, dict[str, str]] = {}
 
 
 def runtime_source() -> str:

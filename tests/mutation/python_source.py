@@ -182,15 +182,11 @@ def _expression(node: ast.AST, shown: ast.AST, function: str) -> Iterator[_Chang
 
     def swap(target: ast.AST, field: str, new: object, show: ast.AST) -> _Change:
         old = getattr(target, field)
-        return _Change(
-            function, line, show, lambda: setattr(target, field, new), lambda: setattr(target, field, old)
-        )
+        return _Change(function, line, show, lambda: setattr(target, field, new), lambda: setattr(target, field, old))
 
     def replace_item(items: list[ast.cmpop], at: int, new: ast.cmpop, show: ast.AST) -> _Change:
         old = items[at]
-        return _Change(
-            function, line, show, lambda: items.__setitem__(at, new), lambda: items.__setitem__(at, old)
-        )
+        return _Change(function, line, show, lambda: items.__setitem__(at, new), lambda: items.__setitem__(at, old))
 
     match node:
         case ast.BinOp() | ast.AugAssign() if type(node.op) in _BINARY and not _is_text(node):
@@ -223,10 +219,15 @@ def _expression(node: ast.AST, shown: ast.AST, function: str) -> Iterator[_Chang
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST):
                 here = child if not isinstance(child, (ast.Constant, ast.operator, ast.expr_context)) else node
-                yield from _expression(child, here if isinstance(here, (ast.expr, ast.stmt, ast.pattern)) else shown, function)
+                yield from _expression(
+                    child, here if isinstance(here, (ast.expr, ast.stmt, ast.pattern)) else shown, function
+                )
 
 
 def _is_text(node: ast.BinOp | ast.AugAssign) -> bool:
     """Whether an operator joins or repeats texts, where another would be a type error and nothing else."""
     sides = [node.value] if isinstance(node, ast.AugAssign) else [node.left, node.right]
-    return any(isinstance(side, ast.JoinedStr) or (isinstance(side, ast.Constant) and isinstance(side.value, (str, bytes))) for side in sides)
+    return any(
+        isinstance(side, ast.JoinedStr) or (isinstance(side, ast.Constant) and isinstance(side.value, (str, bytes)))
+        for side in sides
+    )

@@ -28,11 +28,10 @@ from functools import cache
 from pathlib import Path
 
 from bitneat.controller import packing, passes
-from bitneat.controller.packing import PackedFormatError, unpack
 from tests.mutation import parity
 from tests.mutation.c_source import Mutant, mutants
-from tests.mutation.corpus import subjects
-from tests.runtime.test_validate import PROGRAM, mutated, valid_blobs
+from tests.mutation.corpus import blobs, subjects
+from tests.runtime.test_validate import PROGRAM
 
 generating = sys.modules["bitneat.codegen.generate"]  # the package has a function of that name
 
@@ -90,7 +89,7 @@ class Judge:
         self.main = parity.generated_source(self.subjects, self.chosen)
         self.interpreter = parity.runtime_source()
         self._write(self.main, self.interpreter)
-        self.blobs, self.refused = _blobs()
+        self.blobs, self.refused = blobs()
         (folder / "blobs").write_bytes(b"".join(struct.pack("<I", len(blob)) + blob for blob in self.blobs))
         (folder / "checker.c").write_text(PROGRAM)
         compilers = [(self.quick, "quick")]
@@ -98,7 +97,9 @@ class Judge:
             compilers.append((["gcc", "-std=c99", "-w", *parity.SANITIZERS], "checked"))
         for flags, suffix in compilers:
             for name in ("main", "checker"):
-                self._must([*flags, *self._include, "-c", str(folder / f"{name}.c"), "-o", str(folder / f"{name}.{suffix}.o")])
+                self._must(
+                    [*flags, *self._include, "-c", str(folder / f"{name}.c"), "-o", str(folder / f"{name}.{suffix}.o")]
+                )
         outcome = self._stages(runtime=True, reads_blobs=True)
         if not outcome.survived:
             raise SystemExit(f"without a mutant: {outcome}")
@@ -159,7 +160,9 @@ class Judge:
         sources = [str(self.folder / "src" / f"{name}.c") for name in ("interpreter", *parity.RUNTIME_SOURCES)]
         main = str(self.folder / (f"main.{suffix}.o" if runtime else "main.c"))
         program = self.folder / "program"
-        done = subprocess.run([*flags, *self._include, main, *sources, "-o", str(program)], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [*flags, *self._include, main, *sources, "-o", str(program)], capture_output=True, text=True, check=False
+        )
         if done.returncode != 0:
             return Outcome("compile", next((line for line in done.stderr.splitlines() if "error" in line), "")[-120:])
         outcome = self._execute([str(program), str(self.folder / "data")], None, "parity")
@@ -183,22 +186,6 @@ class Judge:
                 if refused is not None and (letter == "n") != refused:
                     return Outcome(stage, f"{'accepts' if refused else 'refuses'} {blob.hex()}"[:160])
         return Outcome("survived")
-
-
-def _blobs() -> tuple[list[bytes], list[bool | None]]:
-    """Blobs of all kinds, and for each whether Python refuses it; None where it only objects to another form of the same."""
-    rng = random.Random(22)
-    good = valid_blobs(range(120))
-    blobs = [*good, *(mutated(rng.choice(good), rng) for _ in range(6000))]
-    blobs += [bytes([rng.randrange(5) << 3 | 1]) + rng.randbytes(rng.randint(0, 40)) for _ in range(2000)]
-    refused: list[bool | None] = []
-    for blob in blobs:
-        try:
-            unpack(blob)
-            refused.append(False)
-        except PackedFormatError as error:
-            refused.append(None if "canonical" in str(error) else True)
-    return blobs, refused
 
 
 def _rendered(path: str, text: str, judge: Judge, chosen: Sequence[parity.Instance]) -> tuple[str, str]:
@@ -296,7 +283,10 @@ def main() -> int:
             with arguments.output.open("a") as stream:
                 stream.write(json.dumps(row) + "\n")
             if outcome.survived or number % 100 == 0:
-                print(f"{number}/{len(todo)} {outcome.outcome} {mutant.path}:{mutant.line} {mutant.before} -> {mutant.after} {outcome.detail}", flush=True)
+                print(
+                    f"{number}/{len(todo)} {outcome.outcome} {mutant.path}:{mutant.line} {mutant.before} -> {mutant.after} {outcome.detail}",
+                    flush=True,
+                )
     print(dict(counts))
     return 0
 

@@ -104,12 +104,17 @@ def main() -> int:
             print(f"without a mutant: {check.outcome} {check.test}", file=sys.stderr)
             return 2
         for count, mutant in enumerate(todo):
-            verdict = judge(runner, mutant, sources[mutant.path], contexts[mutant.path], durations, arguments.most_seconds)
+            verdict = judge(
+                runner, mutant, sources[mutant.path], contexts[mutant.path], durations, arguments.most_seconds
+            )
             row = {**mutant.__dict__, **verdict, "time": round(time.time())}
             with output.open("a") as stream:
                 stream.write(json.dumps(row) + "\n")
             if verdict["outcome"] in ("passed", "none") or count % 50 == 0:
-                print(f"{count}/{len(todo)} {verdict['outcome']:7} {mutant.path}:{mutant.line} {mutant.before} -> {mutant.after}", flush=True)
+                print(
+                    f"{count}/{len(todo)} {verdict['outcome']:7} {mutant.path}:{mutant.line} {mutant.before} -> {mutant.after}",
+                    flush=True,
+                )
     return 0
 
 

@@ -128,7 +128,19 @@ class Runner:
         return Verdict(outcome, test, seconds)
 
 
-_QUIET = ("-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:cov", "-p", "no:randomly")
+_QUIET = (
+    "-q",
+    "--no-header",
+    "--tb=no",
+    "-p",
+    "no:cacheprovider",
+    "-p",
+    "no:xdist",
+    "-p",
+    "no:cov",
+    "-p",
+    "no:randomly",
+)
 
 
 class _Chosen:
