@@ -57,7 +57,11 @@ _NARROWER = {
     "unsigned": "unsigned char",
     "int": "signed char",
 }
-_STATEMENT = re.compile(r"^([ ]+)((?! |const |return|static |for |struct |enum |unsigned |u?int|size_t|\}|#|/|case|default|break)[^;{}\n]*[^;{}\s][^;{}\n]*;)", re.MULTILINE)  # fmt: skip
+_STATEMENT = re.compile(
+    r"^([ ]+)((?! |const |return|static |struct |enum |for |unsigned |u?int|size_t|\}|#|/|case|default|break)"
+    r"[^;{}\n]*[^;{}\s][^;{}\n]*;)",
+    re.MULTILINE,
+)
 _CONDITION = re.compile(r"\{% (if|elif) (.+?) %\}")
 _JINJA_TYPE = re.compile(r"\{\{ (?:m\.|u\.)?word \}\}")
 

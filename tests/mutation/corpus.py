@@ -49,7 +49,7 @@ class Subject:
     styles: bool = True
     """Whether C is generated; else the runtime alone runs it."""
     canonical: bool = True
-    """Whether its blobs are those of its canonical form, as bitneat's are; else of the controller as it is, which the runtime takes too."""
+    """Whether its blobs are those of its canonical form, as bitneat's are; else of itself, which the runtime takes, too."""
 
     @property
     def action(self) -> DiscreteAction | None:
@@ -235,6 +235,14 @@ def _by_hand() -> dict[str, Controller]:
             ),
             (Signal(2), Signal(3)),
         ),
+        "slots of six bits": Controller(
+            tuple(Input(0, 100 + i) for i in range(40)),
+            tuple(
+                Node((Link(i), Link(39 - i, sign=-1), Link(32 + i), *((Link(39 + i),) if i else ())), one * (i % 2), 0)
+                for i in range(8)
+            ),
+            tuple(Signal(44 + i) for i in range(4)),
+        ),
         "inputs as outputs": Controller((Input(0, 7), Input(3, 32767)), (), (Signal(1), Signal(0), Constant(5)), 6),
         "a node of nothing": Controller(
             (Input(0, 500),),
@@ -282,14 +290,25 @@ def _many_slots() -> Controller:
     return Controller(inputs, nodes, (Signal(2101), Signal(2100)))
 
 
-def _much_of_everything() -> Controller:
-    """More inputs, kinds of inputs, nodes, delayed signals and outputs than a byte can count."""
-    inputs = tuple(Input(i % 16 - 8, 40 + i) for i in range(300))
-    nodes = tuple(
-        Node((Link(i), Link(300 + i, 1, sign=-1), *((Link(299 + i),) if i else ())), 0, 0, "identity")
-        for i in range(300)
+def _many_slots_without_shifts() -> Controller:
+    """As many in records of two bytes: bits of the slot are where others have the shift's."""
+    inputs = tuple(Input(0, 50 + i % 7) for i in range(2100))
+    nodes = (
+        Node((Link(2099), Link(2048, sign=-1), Link(5)), activation="identity"),
+        Node((Link(2100), Link(2060), Link(1024, sign=-1)), activation="identity"),
     )
-    return Controller(inputs, nodes, tuple(Signal(599 - i) for i in range(290)))
+    return Controller(inputs, nodes, (Signal(2101), Signal(2100)))
+
+
+def _much_of_everything() -> Controller:
+    """More inputs, kinds of inputs, nodes, delayed signals and outputs than a byte can count, and blobs of over 64 KB."""
+    count = 360
+    inputs = tuple(Input(i % 16 - 8, 40 + i) for i in range(count))
+    nodes = tuple(
+        Node((Link(i), Link(count + i, 1, sign=-1), *((Link(count - 1 + i),) if i else ())), activation="identity")
+        for i in range(count)
+    )
+    return Controller(inputs, nodes, tuple(Signal(2 * count - 1 - i) for i in range(300)))
 
 
 def _as_it_is() -> Controller:
@@ -321,7 +340,7 @@ def subjects() -> tuple[Subject, ...]:
         _subject(_choice(1), 7, start=40000),
         _guarded(_choice(3), 8, start=1),
     ]
-    for many in (_many_slots(), _much_of_everything()):
+    for many in (_many_slots(), _many_slots_without_shifts(), _much_of_everything()):
         few = Case(many, _vectors(many, 9, STEPS))
         found.append(Subject(few, reference_outputs(few).astype(np.int16), styles=False))
     found.append(_subject(_as_it_is(), 10, styles=False, canonical=False))

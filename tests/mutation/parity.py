@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
 """One program that runs every subject of the corpus in every implementation, and says which first gives another bit.
 
-The program reads all inputs and expected outputs from a file. Observations lie in memory of exactly their size, everything that an
-implementation may write is filled with -32768 before each step (a state before its reset, a workspace too), and what lies behind it is looked at afterwards.
+The program reads all inputs and expected outputs from a file. Observations lie in memory of exactly their size; what an
+implementation may write is filled with -32768 before each step (a state before its reset, a workspace, too), and what lies
+behind it is looked at afterwards.
 """
 
 from __future__ import annotations
@@ -57,8 +58,10 @@ static void differs(const char *name, int subject, long sequence, long step, con
 static void compare(const char *name, int number, long sequence, long step, const int16_t *got)
 {
     const struct subject *s = &subjects[number];
-    if (memcmp(got, s->out + (sequence * s->steps + step) * s->outputs, 2 * (size_t)s->outputs) != 0) differs(name, number, sequence, step, "outputs");
-    for (long i = s->outputs; i < s->outputs + BEHIND; i++) if (got[i] != MARK) differs(name, number, sequence, step, "written behind outputs");
+    if (memcmp(got, s->out + (sequence * s->steps + step) * s->outputs, 2 * (size_t)s->outputs) != 0)
+        differs(name, number, sequence, step, "outputs");
+    for (long i = s->outputs; i < s->outputs + BEHIND; i++) if (got[i] != MARK)
+        differs(name, number, sequence, step, "written behind outputs");
 }
 
 static void run_generated(const struct generated *g)
@@ -73,7 +76,8 @@ static void run_generated(const struct generated *g)
             for (long i = 0; i < s->outputs + BEHIND; i++) out[i] = MARK;
             g->step(in, out);
             compare(g->name, g->subject, q, t, out);
-            if (memcmp(in, s->in + (q * s->steps + t) * s->inputs, 2 * (size_t)s->inputs) != 0) differs(g->name, g->subject, q, t, "inputs written");
+            if (memcmp(in, s->in + (q * s->steps + t) * s->inputs, 2 * (size_t)s->inputs) != 0)
+                differs(g->name, g->subject, q, t, "inputs written");
             if (g->decide != NULL) {
                 const int16_t *right = s->out + (q * s->steps + t) * s->outputs;
                 long best = 0;
@@ -97,9 +101,11 @@ static void run_packed(const struct packed *p)
     if (bn_open(&c, blob, p->size) != BN_OK) differs(p->name, p->subject, 0, 0, "open");
     /* Of sizes whose bits 32 bits can count the header alone is read here; larger ones are refused before anything is. */
     const size_t most = (size_t)UINT32_MAX / 8;
-    if (bn_open(&d, blob, most) != BN_OK || bn_open(&d, blob, most + 1) != BN_ERROR_SIZE) differs(p->name, p->subject, 0, 0, "largest size");
+    if (bn_open(&d, blob, most) != BN_OK || bn_open(&d, blob, most + 1) != BN_ERROR_SIZE)
+        differs(p->name, p->subject, 0, 0, "largest size");
     if (c.num_inputs != s->inputs || c.num_outputs != s->outputs) differs(p->name, p->subject, 0, 0, "shape");
-    if (c.workspace_length < s->inputs + s->outputs - 1 && c.workspace_length < s->inputs) differs(p->name, p->subject, 0, 0, "workspace");
+    if (c.workspace_length < s->inputs + s->outputs - 1 && c.workspace_length < s->inputs)
+        differs(p->name, p->subject, 0, 0, "workspace");
     const size_t length = c.workspace_length;
     int16_t *workspace = fresh(length);
     int16_t *state = fresh(c.num_state);
@@ -134,8 +140,10 @@ static void run_packed(const struct packed *p)
     bn_population_step(jobs, 2, wide);
     if (memcmp(actions, s->out, 2 * per * (size_t)s->outputs) != 0) differs(p->name, p->subject, 0, 0, "population");
     if (memcmp(second, s->out, 2 * few * (size_t)s->outputs) != 0) differs(p->name, p->subject, 0, 0, "second job");
-    for (size_t i = per * (size_t)s->outputs; i < per * (size_t)s->outputs + BEHIND; i++) if (actions[i] != MARK) differs(p->name, p->subject, 0, 0, "behind actions");
-    for (size_t i = length * lanes; i < length * lanes + BEHIND; i++) if (wide[i] != MARK) differs(p->name, p->subject, 0, 0, "behind workspace");
+    for (size_t i = per * (size_t)s->outputs; i < per * (size_t)s->outputs + BEHIND; i++) if (actions[i] != MARK)
+        differs(p->name, p->subject, 0, 0, "behind actions");
+    for (size_t i = length * lanes; i < length * lanes + BEHIND; i++) if (wide[i] != MARK)
+        differs(p->name, p->subject, 0, 0, "behind workspace");
     free(wide); free(actions); free(second); free(state); free(other); free(blob);
 }
 
@@ -247,11 +255,12 @@ def generated_source(subjects: Sequence[Subject], chosen: Sequence[Instance]) ->
 def _selftest(test: str, number: int, has_state: bool) -> list[str]:
     state = f"struct t{number}_state *state, " if has_state else ""
     argument = "state, " if has_state else ""
+    place = "0" if number // 16 % 2 else f"T{number}_NUM_OUTPUTS - 1"
     return [
         test,
         f"static int calls{number};",
         f"static void wrong{number}({state}const int16_t *observation, int16_t *action)",
-        f"{{ t{number}_step({argument}observation, action); if (++calls{number} == 5) action[T{number}_NUM_OUTPUTS - 1]++; }}",
+        f"{{ t{number}_step({argument}observation, action); if (++calls{number} == 5) action[{place}]++; }}",
         f"#define t{number}_step wrong{number}",
         f"#define t{number}_selftest wrong{number}_selftest",
         f"#define t{number}_test_inputs wrong{number}_inputs",

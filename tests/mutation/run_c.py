@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Mutation testing of templates, printed C and runtime: ``python -m tests.mutation.run_c -o RESULTS``.
 
-Each mutant is judged by parity: the corpus (`tests.mutation.corpus`) is generated, compiled and run, and every output compared
-with the reference's. What reads blobs is judged by blobs of all kinds, too, which it must accept or refuse as Python does. What survives
-is compiled again by gcc with the sanitizers of addresses and undefined behaviour.
+Each mutant is judged by parity: the corpus (`tests.mutation.corpus`) is generated, compiled and run, and every output
+compared with the reference's. What reads blobs is judged by blobs of all kinds, too, which it must accept or refuse as
+Python does. What survives is compiled again by gcc with the sanitizers of addresses and undefined behaviour.
 
-An outcome is ``parity``, ``blobs``, ``sanitizer`` or ``hang`` (the mutant is killed), ``compile`` (it is no C, and does not count) or
-``survived``.
+An outcome is ``parity``, ``blobs``, ``sanitizer`` or ``hang`` (the mutant is killed), ``compile`` (it is no C, and does not
+count) or ``survived``.
 """
 
 from __future__ import annotations
@@ -253,6 +253,7 @@ def main() -> int:
     parser.add_argument("files", nargs="*", default=list(FILES), help="default: all")
     parser.add_argument("--sample", type=int, help="so many mutants, drawn with seed 1")
     parser.add_argument("--quick", action="store_true", help="without the sanitizers, which take most of the time")
+    parser.add_argument("--again", type=Path, metavar="RESULTS", help="only what survived there")
     parser.add_argument("-o", "--output", type=Path, required=True)
     arguments = parser.parse_args()
     done = set()
@@ -261,6 +262,10 @@ def main() -> int:
         done = {(row["path"], row["before"], row["after"], row["line"]) for row in rows}
     found = all_mutants(arguments.files)
     todo = [mutant for _, listed in found.values() for mutant in listed]
+    if arguments.again is not None:
+        rows = map(json.loads, arguments.again.read_text().splitlines())
+        survived = {(row["path"], row["before"], row["after"]) for row in rows if row["outcome"] == "survived"}
+        todo = [mutant for mutant in todo if mutant.key in survived]
     # In an order of chance, so that what has been run when somebody stops it is a sample of all.
     random.Random(1).shuffle(todo)
     todo = todo[: arguments.sample]
@@ -283,10 +288,8 @@ def main() -> int:
             with arguments.output.open("a") as stream:
                 stream.write(json.dumps(row) + "\n")
             if outcome.survived or number % 100 == 0:
-                print(
-                    f"{number}/{len(todo)} {outcome.outcome} {mutant.path}:{mutant.line} {mutant.before} -> {mutant.after} {outcome.detail}",
-                    flush=True,
-                )
+                change = f"{mutant.path}:{mutant.line} {mutant.before} -> {mutant.after}"
+                print(f"{number}/{len(todo)} {outcome.outcome} {change} {outcome.detail}", flush=True)
     print(dict(counts))
     return 0
 

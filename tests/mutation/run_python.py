@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """Mutation testing of the Python core: ``python -m tests.mutation.run_python --coverage DATA… --junit XML… -o RESULTS``.
 
-First the tests run once under coverage with ``--cov-context=test --junitxml=XML``, which tells the tests that execute each line,
-and how long they take. Then each mutant is judged by the tests that execute its line, the fastest first, up to the first that
-fails. A mutant on a line that runs at import is judged by all tests that execute its file. Results are added to a file of one JSON object a line; what is in it is not run
-again.
+First the tests run once under coverage with ``--cov-context=test --junitxml=XML``, which tells the tests that execute each
+line, and how long they take. Then each mutant is judged by the tests that execute its line, the fastest first, up to the first
+that fails. A mutant on a line that runs at import is judged by all tests that execute its file. Results are added to a file of
+one JSON object a line; what is in it is not run again.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import random
 import sys
 import tempfile
 import time
-import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
+from xml.etree import ElementTree
 
 from coverage import CoverageData
 
 from tests.mutation.python_source import Mutant, mutants, mutated
-from tests.mutation.warm import ROOT, Runner, in_order, copy_of_checkout
+from tests.mutation.warm import ROOT, Runner, copy_of_checkout, in_order
 
 FIRST_SECONDS = 2.0
 """Tests that together take that long are tried first: most mutants die there."""

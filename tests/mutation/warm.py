@@ -2,8 +2,8 @@
 """Runs chosen tests in a forked child of a process that has the libraries imported, but nothing of the project.
 
 A mutant costs a fork and the import of the project, a fraction of a second, instead of the seconds that a new interpreter
-takes to import NumPy, Gymnasium and pytest. The child imports the project from a copy of the checkout, so a mutant is a changed file,
-and processes that the tests start see it too.
+takes to import NumPy, Gymnasium and pytest. The child imports the project from a copy of the checkout, so a mutant is a
+changed file, and processes that the tests start see it too.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class _Chosen:
         self._report = report
 
     def pytest_collection(self) -> None:
-        # After the profile of conftest.py is loaded and before a test is imported: a failure is enough, however long its example.
+        # After the profile of conftest.py is loaded and before a test is imported. A failure is enough, however long it is.
         from hypothesis import Phase, settings
 
         settings.register_profile("mutation", settings(), phases=(Phase.explicit, Phase.generate))
@@ -194,9 +194,10 @@ def _wait(child: int, limit: float) -> int | None:
 
 
 def in_order(tests: Iterable[str], durations: dict[str, float], most_seconds: float) -> list[str]:
-    """Tests as long as their sum stays within ``most_seconds``: of each function the fastest case, then the second fastest of each …
+    """Tests whose times together stay within ``most_seconds``.
 
-    Cases of one function tend to see the same mutants.
+    Of each function the fastest case goes first, then the second fastest of each, and so on: cases of one function tend to
+    see the same mutants.
     """
     seen: dict[str, int] = {}
     ranked = []

@@ -222,3 +222,8 @@ def test_the_workspace_has_room_for_slots_and_for_outputs_that_are_copied() -> N
     assert (copied.num_slots, copied.has_output_map, copied.workspace_length) == (4, True, 7)
     for layout in (in_place, copied):
         assert OpenBlob(pack(layout.controller)).workspace_length == layout.workspace_length
+
+
+def test_bytes_that_are_left_over_are_counted() -> None:
+    with pytest.raises(PackedFormatError, match=r"^blob: 2 bytes too long$"):
+        unpack(pack(dense(0.1)) + b"\0\0")
