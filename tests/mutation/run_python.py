@@ -28,7 +28,7 @@ from tests.mutation.warm import ROOT, Runner, copy_of_checkout, in_order
 FIRST_SECONDS = 2.0
 """Tests that together take that long are tried first: most mutants die there."""
 FIRST_TESTS = 24
-CHECKED_SECONDS = 30.0
+CHECKED_SECONDS = 10.0
 """Of tests that must pass before there is a mutant."""
 
 
