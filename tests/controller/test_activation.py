@@ -200,3 +200,8 @@ def test_the_real_functions_are_those_of_neat_python(name: str) -> None:
 def test_an_unknown_name_has_no_real_function() -> None:
     with pytest.raises(ValueError, match=r"^'cube' is no activation$"):
         real_function("cube", np.zeros(1))
+
+
+def test_a_table_cannot_be_changed_by_who_reads_it() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        table("hat", 8)[0] = 1

@@ -31,6 +31,7 @@ from bitneat.controller import packing, passes
 from tests.mutation import parity
 from tests.mutation.c_source import Mutant, mutants
 from tests.mutation.corpus import blobs, subjects
+from tests.mutation.survivors import TABLE, arguments_of
 from tests.runtime.test_validate import PROGRAM
 
 generating = sys.modules["bitneat.codegen.generate"]  # the package has a function of that name
@@ -271,11 +272,14 @@ def main() -> int:
     todo = todo[: arguments.sample]
     todo = [mutant for mutant in todo if (*mutant.key, mutant.line) not in done]
     counts: Counter[str] = Counter()
+    argued = arguments_of("c")
+    open_ones = 0
     with tempfile.TemporaryDirectory(prefix="bitneat-mutation-") as folder:
         judge = Judge(Path(folder), sanitize=not arguments.quick)
         for number, mutant in enumerate(todo):
             outcome = judge.judge(mutant, found[mutant.path][0])
             counts[outcome.outcome] += 1
+            open_ones += outcome.survived and mutant.key not in argued
             row = {
                 "path": mutant.path,
                 "line": mutant.line,
@@ -290,8 +294,8 @@ def main() -> int:
             if outcome.survived or number % 100 == 0:
                 change = f"{mutant.path}:{mutant.line} {mutant.before} -> {mutant.after}"
                 print(f"{number}/{len(todo)} {outcome.outcome} {change} {outcome.detail}", flush=True)
-    print(dict(counts))
-    return 0
+    print(f"{dict(counts)}; {open_ones} survivors are not argued in {TABLE.name}")
+    return min(open_ones, 1)
 
 
 if __name__ == "__main__":
