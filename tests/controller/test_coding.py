@@ -232,6 +232,12 @@ class TestPlainData:
     def test_is_read_back_without_loss(self, action: BoxAction | DiscreteAction) -> None:
         assert action_from_data(json.loads(json.dumps(action.to_data()))) == action
 
+    def test_whole_bounds_are_read_as_floats_and_axes_as_integers(self) -> None:
+        data = {"kind": "box", "low": [-1], "high": [3], "shape": [1], "dtype": "float32"}
+        action = action_from_data(data)
+        assert isinstance(action, BoxAction)
+        assert [type(value) for value in (*action.low, *action.high, *action.shape)] == [float, float, int]
+
     @pytest.mark.parametrize("data", [None, {}, [], {"kind": "tuple"}, {"kind": ["box"]}, {"kind": None}])
     def test_of_another_kind_is_refused(self, data: object) -> None:
         with pytest.raises(BitneatError, match=r"^action: expected a mapping whose 'kind' is 'box' or 'discrete'$"):
