@@ -139,6 +139,6 @@ def test_a_sample_of_the_mutants_of_c_is_killed(judge: Judge) -> None:
     argued = arguments_of("c")
     # Of the narrowed types many hold every value there is, and not all are argued one by one.
     listed = [m for _, mutants in found.values() for m in mutants if m.key not in argued and m.kind != "type"]
-    for mutant in random.Random(3).sample(listed, 16):
+    for mutant in random.Random(3).sample(listed, 16 if judge.fast else 3):
         outcome = judge.judge(mutant, found[mutant.path][0])
         assert not outcome.survived, f"{mutant.path}:{mutant.line}: {mutant.before} -> {mutant.after}"
