@@ -8,13 +8,15 @@ READY := $(VENV)/.ready
 # A multiplier for the tests' budgets: how many random cases, vectors and steps they try.
 LONG_BUDGET ?= 10
 
-.PHONY: help venv demo test test-long test-baselines check format docs reference clean
+.PHONY: help venv demo test test-long test-baselines coverage mutation check format docs reference clean
 
 help:
 	@echo "make demo       evolve, generate C, verify it, make a page of it, in demo/; then the same for a committed champion"
 	@echo "make test       the tests; installs cross compilers where apt allows it (not with BITNEAT_NO_APT=1)"
 	@echo "make test-long  all tests, the long ones included, with $(LONG_BUDGET) times the budget"
 	@echo "make test-baselines  those that train with bitneat[baselines], which it installs: PyTorch is large"
+	@echo "make coverage   the tests with branch coverage: all of the core, and most of the rest"
+	@echo "make mutation   mutants of the C and of the Python core, judged by the tests: hours; goes on where it stopped"
 	@echo "make check      ruff, mypy, clang-format, and the C runtime under CMake"
 	@echo "make format     ruff format and clang-format"
 	@echo "make docs       the documentation site, in build/site"
@@ -44,6 +46,21 @@ test-long: $(READY)
 test-baselines: $(READY)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,baselines]'
 	@$(BIN)/python -m pytest -n auto tests/baselines tests/cli/test_baseline.py
+
+# The core is what decides the meaning of a controller and judges the code: all of it is executed, every branch both ways.
+CORE := bitneat/controller/*,bitneat/codegen/*,bitneat/verify/*
+
+coverage: $(READY)
+	@tools/install-debian-tools.sh
+	@$(BIN)/python -m pytest -n auto -m "not long" --cov --cov-context=test --cov-report= --junitxml=build/tests.xml
+	@$(BIN)/coverage report --fail-under=95
+	@$(BIN)/coverage report --include='$(CORE)' --fail-under=100
+
+CORE_FILES = $(shell find bitneat/controller bitneat/codegen bitneat/verify -name '*.py')
+
+mutation: coverage
+	@$(BIN)/python -m tests.mutation.run_c -o build/mutants-of-c.jsonl
+	@$(BIN)/python -m tests.mutation.run_python $(CORE_FILES) --coverage .coverage --junit build/tests.xml -o build/mutants-of-python.jsonl
 
 # Not those that bitneat.codegen.runtime writes.
 C_SOURCES = $(shell grep -rL 'Written by .python -m' --include='*.[ch]' runtime_c bitneat/sim/walker/csrc \

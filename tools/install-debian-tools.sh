@@ -11,6 +11,7 @@ set -u
 WANTED="
 g++:g++
 clang:clang
+tcc:tcc
 arm-none-eabi-gcc:gcc-arm-none-eabi
 arm-none-eabi-objdump:binutils-arm-none-eabi
 avr-gcc:gcc-avr

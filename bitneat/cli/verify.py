@@ -13,12 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
-<<<<<<< HEAD
 from bitneat.cli.columns import columns, printable
 from bitneat.cli.judged import code_to_judge
-=======
 from bitneat.cli.columns import columns
->>>>>>> fuzz
 from bitneat.cli.size import add_targets, target_names
 from bitneat.errors import BitneatError, printable
 

@@ -91,7 +91,7 @@ def _expression(step: Step, x: str, y: str, prefix: str, frac_bits: int | None) 
             if frac_bits is None:
                 return f"{x} & (UINT32_C(1) << (f + {step.k}U))"
             return f"{x} & UINT32_C({1 << (frac_bits + step.k)})"
-        case Op.MIN | Op.MAX | Op.COPYSIGN:
+        case Op.MIN | Op.MAX | Op.COPYSIGN:  # pragma: no branch - there is no other Op, as mypy checks
             return f"{prefix}_{HELPERS_OF_OP[step.op]}({x}, {y})"
 
 

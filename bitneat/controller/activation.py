@@ -105,7 +105,7 @@ def _apply(step: Step, x: IntLike, y: IntLike, frac_bits: int) -> IntLike:
             return _choose(x <= y, x, y)
         case Op.MAX:
             return _choose(x >= y, x, y)
-        case Op.COPYSIGN:
+        case Op.COPYSIGN:  # pragma: no branch - there is no other Op, as mypy checks
             return _choose(y >= 0, x, -x)
 
 
@@ -181,11 +181,9 @@ class _Builder:
     def magnitude(self) -> int:
         return self.with_sign_of(self.ARGUMENT, self.ARGUMENT)
 
-    def line(self, x: int, high: int, low: int | None, intercept: float) -> int:
-        """``x * (2^high + 2^low) + intercept``; ``low`` None leaves its term out."""
-        result = self.shifted(x, high)
-        if low is not None:
-            result = self.add(result, self.shifted(x, low))
+    def line(self, x: int, high: int, low: int, intercept: float) -> int:
+        """``x * (2^high + 2^low) + intercept``."""
+        result = self.add(self.shifted(x, high), self.shifted(x, low))
         return self.add(result, self.constant(intercept)) if intercept else result
 
     def program(self, name: str, formula: str) -> Program:

@@ -103,8 +103,7 @@ def _in_order(controller: Controller, needed: list[int]) -> Controller:
         for source in {link.source for link in node.links if not link.delay and link.source >= first_node}:
             readers[source].append(index)
             waiting_for[index] += 1
-    ready = [index for index in needed if not waiting_for[index]]
-    heapq.heapify(ready)
+    ready = [index for index in needed if not waiting_for[index]]  # ascending, and so a heap
     order: list[int] = []
     while ready:
         index = heapq.heappop(ready)

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from bitneat.codegen import CNameError, CodegenError, GeneratedC, check_name, code_bytes, generate, selftest
+from bitneat.codegen.generate import table_encodings
+from bitneat.codegen.names import check_member_name
 from bitneat.codegen.runtime import interpreter, known_answers
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.native.compiler import Compiler, CompilerError, host_compiler, identify, zig_compiler
@@ -192,6 +194,33 @@ def test_a_controller_without_a_path_is_refused() -> None:
 def test_an_action_space_that_does_not_fit_is_refused() -> None:
     with pytest.raises(CodegenError, match="3 outputs, but its action space takes 2"):
         generate(CHOICE, "walker", action=DiscreteAction(2))
+
+
+@pytest.mark.parametrize("start", [2**31 - 3, -(2**31)])
+def test_a_choice_that_32_bits_cannot_name_is_refused(start: int) -> None:
+    with pytest.raises(CodegenError, match=rf"^action space: start {start} does not fit 32 bits$"):
+        generate(CHOICE, "walker", "table", action=DiscreteAction(3, start), encoding="bytes")
+    nearest = start + (1 if start < 0 else -1)
+    assert generate(CHOICE, "walker", "table", action=DiscreteAction(3, nearest), encoding="bytes")
+
+
+def test_shifts_leave_the_dense_encodings_out_of_the_choice() -> None:
+    shifted = Controller((Input(0, 9),), (Node((Link(0, shift=1),)),), (Signal(1),))
+    assert set(table_encodings(shifted.canonical)) <= {"bytes", "rice"}
+
+
+def test_files_are_written_whole_under_the_name_that_the_source_includes(tmp_path: Path) -> None:
+    code = generate(CHOICE, "walker", "unrolled", header_name="legs.h")
+    source, header = code.write(tmp_path)
+    assert (source.name, header.name) == ("walker.c", "legs.h")
+    assert (source.read_text(), header.read_text()) == (code.source, code.header)
+    assert '#include "legs.h"' in code.source
+
+
+def test_a_member_of_a_struct_has_a_name_of_forty_letters_at_most() -> None:
+    assert check_member_name("x" * 40, "map") == "x" * 40
+    with pytest.raises(CNameError, match=r"^map: 41 characters long, expected at most 40$"):
+        check_member_name("x" * 41, "map")
 
 
 def test_auto_takes_the_style_that_compiles_smaller() -> None:

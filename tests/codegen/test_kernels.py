@@ -10,7 +10,7 @@ import pytest
 
 from bitneat.codegen.kernels import kernel
 from bitneat.controller import ACTIVATION_NAMES, Controller, Input, Link, Node, Signal
-from bitneat.controller.activation import evaluate, table
+from bitneat.controller.activation import Op, Program, Step, evaluate, table
 from tests.compiled import Case, run_compiled
 
 ARGUMENTS = np.arange(-32767, 32768, dtype=np.int16)
@@ -50,3 +50,15 @@ def test_no_kernel_compares_branches_multiplies_or_divides() -> None:
 def test_shifts_of_one_value_are_hidden_from_the_compiler_where_they_are_summed() -> None:
     assert "opaque" in kernel("sin", "p", 8).helpers
     assert "opaque" not in kernel("tanh", "p", 8).helpers
+
+
+def test_a_constant_has_no_more_bits_than_the_smallest_f_leaves_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def program(extra_bits: int) -> dict[str, Program]:
+        return {"one": Program("one", "1", (Step(Op.CONST, value=1 << 12, k=extra_bits),))}
+
+    monkeypatch.setattr("bitneat.codegen.kernels.PROGRAMS", program(8))
+    assert kernel("one", "p", None).result == "(UINT32_C(4096) << (f - 4U))"
+    assert kernel("one", "p", 4).result == "UINT32_C(4096)"
+    monkeypatch.setattr("bitneat.codegen.kernels.PROGRAMS", program(9))
+    with pytest.raises(ValueError, match=r"^a constant with more bits than F = 4 leaves room for$"):
+        kernel("one", "p", None)

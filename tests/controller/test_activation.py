@@ -195,3 +195,13 @@ def test_the_real_functions_are_those_of_neat_python(name: str) -> None:
     z = np.linspace(-20.0, 20.0, 2001)
     # neat-python clips some arguments where the function is flat to the last bit or nearly so.
     assert np.abs(real_function(name, z) - [theirs(float(value)) for value in z]).max() < 1e-12
+
+
+def test_an_unknown_name_has_no_real_function() -> None:
+    with pytest.raises(ValueError, match=r"^'cube' is no activation$"):
+        real_function("cube", np.zeros(1))
+
+
+def test_a_table_cannot_be_changed_by_who_reads_it() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        table("hat", 8)[0] = 1

@@ -59,6 +59,11 @@ class TestEncoder:
         with pytest.raises(BitneatError, match=r"^observation\[2\]: is NaN, expected a number$"):
             encoder(Input(), Input(), Input())([0.0, 0.0, math.nan])
 
+    @pytest.mark.parametrize("observation", ["high", [None, {}], [[1.0], [2.0, 3.0]]])
+    def test_what_is_no_array_of_numbers_is_refused(self, observation: Any) -> None:
+        with pytest.raises(BitneatError, match=r"^observation: expected an array of numbers$"):
+            encoder(Input(), Input())(observation)
+
     @pytest.mark.parametrize("observation", [[], [1.0], [1.0, 2.0, 3.0], 1.0, [[1.0], [2.0]]])
     def test_the_number_of_components_must_fit(self, observation: Any) -> None:
         with pytest.raises(BitneatError, match=r"^observation: expected 2 components, got an array of shape \("):
@@ -179,6 +184,10 @@ class TestBoxAction:
         with pytest.raises(BitneatError, match=r"^action space: low, high and shape of the Box do not agree$"):
             box(low, high, shape=shape)
 
+    def test_an_axis_of_less_than_nothing_is_refused(self) -> None:
+        with pytest.raises(BitneatError, match=r"^action space: the shape of the Box has an axis without components$"):
+            box([0.0, 0.0], [1.0, 1.0], shape=(-1, -2))
+
     def test_a_type_that_is_no_number_is_refused(self) -> None:
         with pytest.raises(BitneatError, match=r"^action space: cannot decode to dtype 'bool'$"):
             box([0.0], [1.0], "bool")
@@ -196,6 +205,9 @@ class TestDiscreteAction:
     def test_counts_from_the_start_of_the_space(self) -> None:
         assert DiscreteAction(3, -1).decode(signals(0, 0, 1), 8) == 1
         assert DiscreteAction(3, 10).decode(signals(1, 0, 0), 8) == 10
+
+    def test_needs_an_output_for_each_choice(self) -> None:
+        assert DiscreteAction(5, 2).num_outputs == 5
 
     def test_is_a_plain_int(self) -> None:
         assert type(DiscreteAction(2).decode(signals(0, 1), 8)) is int
@@ -219,6 +231,12 @@ class TestPlainData:
     )
     def test_is_read_back_without_loss(self, action: BoxAction | DiscreteAction) -> None:
         assert action_from_data(json.loads(json.dumps(action.to_data()))) == action
+
+    def test_whole_bounds_are_read_as_floats_and_axes_as_integers(self) -> None:
+        data = {"kind": "box", "low": [-1], "high": [3], "shape": [1], "dtype": "float32"}
+        action = action_from_data(data)
+        assert isinstance(action, BoxAction)
+        assert [type(value) for value in (*action.low, *action.high, *action.shape)] == [float, float, int]
 
     @pytest.mark.parametrize("data", [None, {}, [], {"kind": "tuple"}, {"kind": ["box"]}, {"kind": None}])
     def test_of_another_kind_is_refused(self, data: object) -> None:

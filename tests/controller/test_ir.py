@@ -376,3 +376,28 @@ def test_a_controller_comes_back_from_a_pickle_with_what_was_known_of_it(control
     assert known.canonical is known
     assert known.sha256 == controller.sha256
     assert copy.deepcopy(controller) == controller
+
+
+class TestSteps:
+    accumulator = Controller((Input(),), (Node((Link(0), Link(1, 1)), activation="identity"),), (Signal(1),))
+
+    def test_a_state_is_brought_up_to_date(self) -> None:
+        state = self.accumulator.new_state()
+        assert state.signals == [0, 0]
+        assert [self.accumulator.step([x], state) for x in (5, 7, -2)] == [[5], [12], [10]]
+        assert state.signals == [-2, 10]
+        assert self.accumulator.step([1], self.accumulator.new_state()) == [1]
+
+    def test_a_controller_with_delayed_links_needs_a_state(self) -> None:
+        with refused("step: a controller with delayed links needs a state; make one with new_state()"):
+            self.accumulator.step([5])
+
+    def test_a_controller_without_needs_none_and_takes_one(self) -> None:
+        plain = build(Node((Link(0), Link(1, sign=-1)), activation="identity"), outputs=(Signal(2),))
+        state = plain.new_state()
+        assert plain.step([5, 7]) == plain.step([5, 7], state) == [-2]
+        assert state.signals == [5, 7, -2]
+
+    def test_a_state_of_another_controller_is_refused(self) -> None:
+        with refused("step: the state has 3 signals, the controller 2"):
+            self.accumulator.step([5], build(Node()).new_state())

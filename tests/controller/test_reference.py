@@ -152,6 +152,10 @@ class TestTheDomainIsChecked:
         with pytest.raises(BitneatError, match=r"^step: expected 2 inputs, got 3$"):
             one_node(Node((Link(0),))).step([1, 2, 3])
 
+    def test_an_input_is_an_integer(self) -> None:
+        with pytest.raises(BitneatError, match=r"^step: expected integers, as Encoder makes them of an observation$"):
+            one_node(Node((Link(0),))).step([0.5, 2])  # type: ignore[list-item]
+
     @pytest.mark.parametrize("x", [11, -11])
     def test_every_input_must_be_within_its_limit(self, x: int) -> None:
         controller = Controller((Input(), Input(limit=10)), (), (Signal(1),))

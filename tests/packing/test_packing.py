@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.packing import ENCODINGS, Layout, PackedFormatError, pack, pack_blob, unpack
 from bitneat.controller.packing.bits import BitReader, BitWriter, rice_cost
+from bitneat.controller.packing.encodings import PackedNode, Shape
+from bitneat.runtime import OpenBlob
 from tests.packing import second_implementation
 from tests.strategies import controllers, random_controller
 
@@ -175,3 +177,53 @@ def test_the_known_answers_of_the_document_hold() -> None:
 def test_a_controller_without_nodes_has_a_plain_header() -> None:
     controller = Controller((Input(),), (), (Signal(0),))
     assert pack(controller, "bytes").hex() == "0181022008c001"
+
+
+def test_a_value_wider_than_its_field_is_refused() -> None:
+    writer = BitWriter()
+    writer.put(7, 3)
+    for value in (8, -1):
+        with pytest.raises(ValueError, match=rf"^{value} does not fit 3 bits$"):
+            writer.put(value, 3)
+    assert writer.to_bytes() == b"\7"
+
+
+def test_a_count_has_one_form_and_a_largest_value() -> None:
+    def read(*groups: int, limit: int = 2**20) -> int:
+        writer = BitWriter()
+        for place, group in enumerate(groups, start=1):
+            writer.put(group, 5)
+            writer.put(int(place < len(groups)), 1)
+        return BitReader(writer.to_bytes()).take_count(limit, "number of things")
+
+    assert [read(0), read(31), read(0, 1), read(1, 2, 3)] == [0, 31, 32, 1 + 2 * 32 + 3 * 1024]
+    assert read(5, limit=5) == 5
+    with pytest.raises(PackedFormatError, match=r"^blob: number of things is 6, expected at most 5$"):
+        read(6, limit=5)
+    with pytest.raises(PackedFormatError, match=r"^blob: number of things is written with a needless group$"):
+        read(7, 0)
+    with pytest.raises(PackedFormatError, match=r"^blob: number of things is too long$"):
+        read(*([0] * 8))
+
+
+def test_a_node_without_links_needs_the_slot_of_zero() -> None:
+    shape = Shape(
+        num_nodes=1, first_node=1, zero_slot=None, slot_bits=1, record_bytes=1, has_shifts=False, field_bits=0, bias_width=0
+    )  # fmt: skip
+    with pytest.raises(PackedFormatError, match=r"^blob: a node without links, but no slot of 0$"):
+        ENCODINGS["bytes"].write(BitWriter(), shape, [PackedNode(0, 0, ())])
+
+
+def test_the_workspace_has_room_for_slots_and_for_outputs_that_are_copied() -> None:
+    nodes = (Node((Link(0),)), Node((Link(1), Link(0, 1))))
+    in_place = Layout(Controller((Input(),), nodes, (Signal(2),)))
+    assert (in_place.num_slots, in_place.has_output_map, in_place.workspace_length) == (4, False, 4)
+    copied = Layout(Controller((Input(),), nodes, (Signal(2), Signal(0), Signal(2))))
+    assert (copied.num_slots, copied.has_output_map, copied.workspace_length) == (4, True, 7)
+    for layout in (in_place, copied):
+        assert OpenBlob(pack(layout.controller)).workspace_length == layout.workspace_length
+
+
+def test_bytes_that_are_left_over_are_counted() -> None:
+    with pytest.raises(PackedFormatError, match=r"^blob: 2 bytes too long$"):
+        unpack(pack(dense(0.1)) + b"\0\0")

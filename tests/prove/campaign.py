@@ -112,8 +112,8 @@ def main() -> int:
                     len(pair.functions),
                     instructions,
                     lemmas,
+                    f"{pair.seconds:.1f}",
                 ]
-                + [f"{pair.seconds:.1f}"]
             )
             if not pair.proved:
                 refused += 1
