@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.columns import printable
+from bitneat.errors import printable
 
 if TYPE_CHECKING:
     from bitneat.network import Policy

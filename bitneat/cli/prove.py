@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bitneat.cli.arguments import add_json
-from bitneat.cli.columns import columns, printable
+from bitneat.cli.columns import columns
 from bitneat.cli.judged import code_to_judge
 from bitneat.cli.size import target_names
-from bitneat.errors import BitneatError
+from bitneat.errors import BitneatError, printable
 
 if TYPE_CHECKING:
     from bitneat.champion import Champion

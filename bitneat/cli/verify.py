@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.columns import columns, printable
-from bitneat.cli.judged import code_to_judge
 from bitneat.cli.columns import columns
+from bitneat.cli.judged import code_to_judge
 from bitneat.cli.size import add_targets, target_names
 from bitneat.errors import BitneatError, printable
 

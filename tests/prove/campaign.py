@@ -102,19 +102,9 @@ def main() -> int:
             effort = [proof.effort for proof in pair.functions]
             lemmas = sum(each.exhaustive + each.solver + each.known for each in effort)
             instructions = pair.functions[0].instructions
-            new.append(
-                [
-                    *own,
-                    one.style,
-                    pair.target,
-                    pair.optimization,
-                    pair.verdict,
-                    len(pair.functions),
-                    instructions,
-                    lemmas,
-                    f"{pair.seconds:.1f}",
-                ]
-            )
+            seconds = f"{pair.seconds:.1f}"
+            where = (one.style, pair.target, pair.optimization)
+            new.append([*own, *where, pair.verdict, len(pair.functions), instructions, lemmas, seconds])
             if not pair.proved:
                 refused += 1
                 reasons = "; ".join(f"{proof.function}: {proof.reason}" for proof in pair.functions if proof.reason)
