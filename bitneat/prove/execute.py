@@ -326,9 +326,9 @@ class Machine:
 
     def _constant(self, constant: Any) -> Term:
         size = constant.size
-        if constant.type == "Ity_V128":  # one bit for each byte
-            bits = sum(0xFF << 8 * at for at in range(16) if constant.value >> at & 1)
-            return self._terms.concat([self._terms.const(64, bits), self._terms.const(64, bits >> 64)])
+        if constant.type == "Ity_V128":
+            value = int(constant.value)
+            return self._terms.concat([self._terms.const(64, value), self._terms.const(64, value >> 64)])
         if constant.type not in ("Ity_I1", "Ity_I8", "Ity_I16", "Ity_I32", "Ity_I64"):
             raise UnsupportedError(f"VEX constant of type {constant.type}")
         return self._terms.const(size, int(constant.value))

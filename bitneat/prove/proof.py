@@ -325,6 +325,7 @@ def _simulate(
     references = [Reference(controller) for _ in range(lanes)]
     found = np.zeros((steps, lanes, len(executed.outputs)), dtype=np.int64)
     kept, signals = [], []
+    wrong: list[int] = []
     for step in range(steps):
         values = dict(zip(model.inputs, inputs[step].T, strict=True)) | dict(zip(executed.slots, state.T, strict=True))
         values |= {atom: generator.integers(atom.low, atom.high, lanes, endpoint=True) for atom in unknown}
@@ -339,10 +340,12 @@ def _simulate(
         clipped = np.clip(inputs[step], -limits, limits)
         for lane, reference in enumerate(references):
             if found[step, lane].tolist() != reference.step(clipped[lane].tolist()):
-                raise _NotProved(f"it gives other outputs in step {step + 1} from reset")
+                wrong.append(step + 1)
         kept.append(state)
         signals.append(np.array([reference.signals for reference in references], dtype=np.int64))
     _check_emulator(subject, inputs, found)
+    if wrong:
+        raise _NotProved(f"it gives other outputs in step {wrong[0]} from reset")
     return _meaning(controller, np.array(kept), np.array(signals))
 
 
