@@ -152,15 +152,19 @@ class Equivalence:
                 others = {one: c for one, c in parts.items() if one is not part}
                 rest = self._terms.sub(cut, self._terms.lin(term.width, constant, others))
                 value = self._terms.times(rest, parts[part])
-                self._settled[part] = value
+                self._remember(part, value)
                 for width in _WIDTHS:  # the same in other registers
                     for resize in (self._terms.sext, self._terms.zext) if width > term.width else ():
-                        self._settled.setdefault(resize(part, width), resize(value, width))
+                        self._remember(resize(part, width), resize(value, width))
                     if width < term.width:
-                        self._settled.setdefault(
-                            self._terms.extract(part, 0, width), self._terms.extract(value, 0, width)
-                        )
+                        self._remember(self._terms.extract(part, 0, width), self._terms.extract(value, 0, width))
                 return
+
+    def _remember(self, part: Term, value: Term) -> None:
+        """Let a part stand for a value, which holds no part that stands for something: so they never go round in circles."""
+        value = self._with_settled(value)
+        if part not in self._settled and part not in self._terms.linear_parts(value)[1]:
+            self._settled[part] = value
 
     def _with_settled(self, term: Term) -> Term:
         while True:
