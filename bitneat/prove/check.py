@@ -18,13 +18,13 @@ from bitneat.champion import Champion
 from bitneat.controller import DiscreteAction
 from bitneat.controller.packing import pack_blob
 from bitneat.errors import BitneatError
-from bitneat.files import write_json
+from bitneat.files import read_capped, write_json
 from bitneat.native.build import cache_dir
 from bitneat.prove.equivalence import Lemmas
 from bitneat.prove.execute import AMD64, CORTEX_M, Processor
 from bitneat.prove.proof import FunctionProof, Subject, prove_function
 from bitneat.prove.queries import SOLVERS
-from bitneat.verify.cfile import CFile
+from bitneat.verify.cfile import MAX_FILE_BYTES, CFile
 from bitneat.verify.implementation import entries
 from bitneat.verify.machine import Toolchain
 from bitneat.verify.targets.chip import Chip
@@ -154,6 +154,9 @@ def prove(
         CompilerError: if a compiler refuses a file.
     """
     require_tools()
+    chips = {name: _chip(name) for name in targets}
+    if compiled is not None:
+        read_capped(compiled, MAX_FILE_BYTES)  # or say now that it cannot be read
     report = ProofReport(champion, list(files), paranoid)
     lemmas = Lemmas()
     work = [
@@ -164,7 +167,7 @@ def prove(
     ]
     for done, (code, name, optimization) in enumerate(work):
         note(done, len(work), f"{name} {optimization} {code.style}")
-        chip, toolchain = _chip(name)
+        chip, toolchain = chips[name]
         pair: PairProof | None = None
         for entry in entries(code):
             emulated = chip.implementation(

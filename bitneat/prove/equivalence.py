@@ -355,6 +355,10 @@ class Equivalence:
 
     # Whole terms -------------------------------------------------------------------------------------------------------
 
+    def is_shown(self, term: Term, expected: Term) -> bool:
+        """Whether nothing is left to ask about a term: its normal form is the reference's."""
+        return self._with_settled(self._abstract[term.number]) is self._terms.extract(expected, 0, term.width)
+
     def difference(self, term: Term, expected: Term) -> Difference | None:
         """Whether a term equals the reference's for all values of the atoms; None if it does.
 

@@ -231,29 +231,65 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
     proof.instructions, proof.stack_bytes = executed.finished.instructions, executed.finished.stack_bytes
     generator = np.random.default_rng(_SEED)
     unknown = _unknown_atoms([*executed.outputs, *executed.state])
-    meaning = proof.meaning = _simulate(subject, model, executed, generator, unknown)
+    candidates = _simulate(subject, model, executed, generator, unknown)
     samples = _samples(subject, model, generator)
     _check_reference(model, samples)
-    kept = {atom: signal for atom, signal in zip(executed.slots, meaning, strict=True) if signal is not None}
-    if kept:
-        before = model.previous_values(samples, _SAMPLES)
-        samples |= {atom: before[:, signal] for atom, signal in kept.items()}
-    free = {one.atom: None for one in made if one.atom is not None and one.atom not in samples}
-    samples |= {atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in free}
-    state = {atom: model.previous[signal] for atom, signal in kept.items()}
-    equivalence = Equivalence(terms, model, samples, state, subject.lemmas, paranoid=subject.paranoid)
-    proof.effort = equivalence.effort
+    samples |= {
+        atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in _others(made, samples)
+    }
+
+    meaning = [next(iter(found), None) for found in candidates]
+    while True:
+        proof.meaning = meaning
+        equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
+        proof.effort = equivalence.effort
+        equivalence.abstract(made)
+        better = [
+            _kept(equivalence, model, term, found, now)
+            for term, found, now in zip(executed.state, candidates, meaning, strict=True)
+        ]
+        candidates = [
+            [one for one in found if one != now or one == new]  # what was wrong once is not tried again
+            for found, now, new in zip(candidates, meaning, better, strict=True)
+        ]
+        if better == meaning:
+            break
+        meaning = better
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
     claims += [
         (f"state {i}", term, model.signals[signal])
         for i, (term, signal) in enumerate(zip(executed.state, meaning, strict=True))
         if signal is not None
     ]
-    equivalence.abstract(made)
     for what, term, expected in claims:
         difference = equivalence.difference(term, expected)
         if difference is not None:
             raise _not_equal(what, model, difference.model)
+
+
+def _others(made: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[Atom, None]:
+    """Atoms that the model does not have: what nobody initialised, and the state."""
+    return {one.atom: None for one in made if one.atom is not None and one.atom not in samples}
+
+
+def _equivalence(
+    subject: Subject, terms: Terms, model: Model, samples: Mapping[Atom, IntArray], meaning: Mapping[Atom, int | None]
+) -> Equivalence:
+    """With the state's places standing for signals; those without a meaning stay unknown."""
+    kept = {atom: signal for atom, signal in meaning.items() if signal is not None}
+    values = dict(samples)
+    if kept:
+        before = model.previous_values(samples, _SAMPLES)
+        values |= {atom: before[:, signal] for atom, signal in kept.items()}
+    state = {atom: model.previous[signal] for atom, signal in kept.items()}
+    return Equivalence(terms, model, values, state, subject.lemmas, paranoid=subject.paranoid)
+
+
+def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequence[int], now: int | None) -> int | None:
+    """Which of the signals that a place of the state seemed to keep it does keep, as far as has been shown."""
+    if now is None or equivalence.is_shown(term, model.signals[now]):
+        return now
+    return next((one for one in candidates if equivalence.is_shown(term, model.signals[one])), now)
 
 
 def _not_equal(what: str, model: Model, found: Mapping[Atom, int] | None) -> _NotProved:
@@ -312,8 +348,8 @@ def _unknown_atoms(roots: Sequence[Term]) -> list[Atom]:
 
 def _simulate(
     subject: Subject, model: Model, executed: _Executed, generator: np.random.Generator, unknown: Sequence[Atom]
-) -> list[int | None]:
-    """Take steps from reset in terms, in the reference and in the emulator; which signal each place of the state keeps.
+) -> list[list[int]]:
+    """Take steps from reset in terms, in the reference and in the emulator; which signals each place of the state may keep.
 
     Raises:
         _NotProved: with the inputs, if they do not agree.
@@ -366,15 +402,15 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             raise _NotProved("the emulator computes something else than the lifted instructions")
 
 
-def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[int | None]:
-    """For each place of the state a signal that it was seen to keep, those that are read with a delay first.
+def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[list[int]]:
+    """For each place of the state the signals that it was seen to keep, those that are read with a delay first.
 
-    It is a guess, which the proof then has to confirm: if it holds before a step, it holds after it.
+    They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it.
     """
     delayed = dict.fromkeys(link.source for node in controller.nodes for link in node.links if link.delay)
     order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
     return [
-        next((i for i in order if np.array_equal(kept[..., place], signals[..., i])), None)
+        [i for i in order if np.array_equal(kept[..., place], signals[..., i])]
         for place in range(kept.shape[-1] if kept.ndim == 3 else 0)
     ]
 

@@ -68,11 +68,14 @@ def case(seed: int) -> Case:
             return drawn
 
 
+def box_action(outputs: int) -> BoxAction:
+    """What as many outputs can be decoded to."""
+    return BoxAction((-1.0,) * outputs, (1.0,) * outputs, (outputs,), "float32")
+
+
 def prove_case(one: Case) -> Iterator[PairProof]:
     """Its proofs, one by one."""
-    outputs = len(one.controller.outputs)
-    action = BoxAction((-1.0,) * outputs, (1.0,) * outputs, (outputs,), "float32")
-    champion = Champion(one.controller, action, None)
+    champion = Champion(one.controller, box_action(len(one.controller.outputs)), None)
     with tempfile.TemporaryDirectory() as folder:
         code = CFile.write(generate(one.controller, "drawn", one.style, guard=one.guard), Path(folder))
         for target, level in one.pairs:

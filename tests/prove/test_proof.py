@@ -1,0 +1,311 @@
+"""Proofs of right binaries, and of binaries with planted faults, which must be refused."""
+
+import json
+import random
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bitneat.champion import Champion, load
+from bitneat.cli.main import main
+from bitneat.codegen import STYLES, Style, generate
+from bitneat.controller import Controller, DiscreteAction, Input, Link, Node, Reference, Signal
+from bitneat.prove import check, execute, operations
+from bitneat.prove.check import PROCESSORS, prove
+from bitneat.prove.equivalence import Lemmas
+from bitneat.prove.proof import FunctionProof, Subject, prove_function
+from bitneat.verify.cfile import CFile
+from bitneat.verify.implementation import HostC, entries
+from bitneat.verify.targets.chips import CHIPS
+from bitneat.verify.targets.emulated import EmulatedC
+from bitneat.verify.vectors import random_vectors
+from tests.prove.campaign import TABLE, box_action, case, prove_case
+from tests.prove.faults import FAULTS, Fault
+from tests.verify.champions import champion, plain_champion, written
+
+CHAMPIONS = Path(__file__).parents[2] / "examples" / "champions"
+CHIP = {chip.name: chip for chip in CHIPS}
+
+
+@contextmanager
+def compiled(code: CFile, target: str, level: str = "-Os", entry: str = "step") -> Iterator[EmulatedC]:
+    chip = CHIP[target]
+    toolchain = chip.toolchain()
+    assert toolchain is not None
+    emulated = chip.implementation(code, toolchain, entry, optimization=level)
+    yield emulated
+    emulated.close()
+
+
+def proof_of(whose: Champion, emulated: EmulatedC, target: str, *, paranoid: bool = False) -> FunctionProof:
+    subject = Subject(whose.controller, emulated, PROCESSORS[target], Lemmas(), paranoid=paranoid)
+    return prove_function(subject, emulated.image.entry)
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize(("target", "level"), [("x86-64", "-O3"), ("cortex-m0", "-Os"), ("cortex-m4", "-O2")])
+def test_a_committed_champion_is_proved(style: Style, target: str, level: str, tmp_path: Path) -> None:
+    whose = load(CHAMPIONS / "tiny.pkl")
+    code = written(whose, tmp_path, style)
+    for entry in entries(code):
+        with compiled(code, target, level, entry) as emulated:
+            proof = proof_of(whose, emulated, target)
+        assert proof.verdict == "proved", proof.reason
+
+
+def controller_with_state() -> Controller:
+    """A sum that grows, a twin of it, and what both were before: no two of them are ever apart."""
+    return Controller(
+        inputs=(Input(limit=300), Input(limit=32767)),
+        nodes=(
+            Node((Link(0), Link(2, delay=1)), 0, 0, "identity"),
+            Node((Link(0), Link(2, delay=1)), 0, 0, "identity"),
+            Node((Link(2, delay=1), Link(3, delay=1, sign=-1), Link(1)), 5, -2, "sin"),
+            Node((Link(4, delay=1), Link(1, delay=1, shift=2)), 0, 1, "gauss"),
+        ),
+        outputs=(Signal(4), Signal(5), Signal(3)),
+        frac_bits=8,
+    )
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_states_are_proved_by_induction_from_reset(style: Style, tmp_path: Path) -> None:
+    drawn = controller_with_state()
+    whose = Champion(drawn, box_action(3), None)
+    code = CFile.write(generate(drawn, "legs", style), tmp_path)
+    report = prove(whose, [code], targets=["cortex-m4"], optimizations=["-O2"], use_cache=False)
+    assert [(one.function, one.verdict) for one in report.pairs[0].functions][:2] == [
+        ("legs_step", "proved"),
+        ("legs_reset", "proved"),
+    ]
+    assert report.passed
+
+
+def test_a_reset_that_forgets_something_is_refused(tmp_path: Path) -> None:
+    drawn = controller_with_state()
+    whose = Champion(drawn, box_action(3), None)
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    before = code.source.index("_reset(")
+    wrong = code.source[:before] + code.source[before:].replace("= 0;", "= 1;", 1)
+    assert wrong != code.source
+    code.path.write_text(wrong)
+    report = prove(whose, [CFile.read(code.path)], targets=["cortex-m0"], optimizations=["-Os"], use_cache=False)
+    assert {one.function: one.verdict for one in report.pairs[0].functions}["legs_reset"] == "not proved"
+
+
+def test_a_choice_among_actions_is_proved_and_a_wrong_one_is_not(tmp_path: Path) -> None:
+    whose = champion("CartPole-v1")
+    assert isinstance(whose.action, DiscreteAction)
+    code = written(whose, tmp_path)
+    report = prove(whose, [code], targets=["x86-64"], optimizations=["-O2"], use_cache=False)
+    assert {one.function: one.verdict for one in report.pairs[0].functions} == {
+        "legs_step": "proved",
+        "legs_decide": "proved",
+    }
+    wrong = Champion(whose.controller, DiscreteAction(whose.action.n, whose.action.start + 1), whose.environment)
+    refused = prove(wrong, [code], targets=["x86-64"], optimizations=["-O2"], use_cache=False)
+    assert {one.function: one.verdict for one in refused.pairs[0].functions}["legs_decide"] == "not proved"
+
+
+@pytest.mark.parametrize("seed", [50, 51, 52, 53])
+def test_random_controllers_are_proved(seed: int) -> None:
+    for pair in prove_case(case(seed)):
+        assert pair.proved, f"seed {seed}: {pair.target} {pair.optimization}: {pair.to_data()}"
+
+
+@pytest.mark.long
+def test_a_thousand_random_controllers_are_proved() -> None:
+    for seed in range(1000):
+        for pair in prove_case(case(seed)):
+            assert pair.proved, f"seed {seed}: {pair.target} {pair.optimization}: {pair.to_data()}"
+
+
+def test_the_table_of_proofs_holds_only_proofs() -> None:
+    rows = [line.split(",") for line in TABLE.read_text().splitlines()]
+    verdict = rows[0].index("verdict")
+    assert {row[verdict] for row in rows[1:]} == {"proved"}
+
+
+@pytest.mark.parametrize("target", ["x86-64", "cortex-m0"])
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_a_planted_fault_is_refused(fault: Fault, target: str, tmp_path: Path) -> None:
+    if fault.only not in ("", target):
+        return
+    whose = plain_champion()
+    code = faulty(whose, fault, tmp_path)
+    with compiled(code, target) as emulated:
+        proof = proof_of(whose, emulated, target)
+        assert proof.verdict != "proved"
+        if fault.shows:
+            found = proof.counterexample
+            assert found is not None, proof.reason
+            inputs = np.array(found.sequence[-1], dtype=np.int16)
+            assert Reference(whose.controller).step(found.sequence[-1]) == list(found.expected)
+            assert tuple(emulated.step(inputs)) == found.found != found.expected
+
+
+def faulty(whose: Champion, fault: Fault, folder: Path) -> CFile:
+    code = written(whose, folder)
+    text = code.source.replace("const unsigned n0", "unsigned n0")
+    if fault.line:
+        text = text.replace("    action[0]", f"    {fault.line}\n    action[0]", 1)
+    else:
+        assert fault.old in text
+        text = text.replace(fault.old, fault.new)
+    code.path.write_text(text)
+    return CFile.read(code.path)
+
+
+@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.rare], ids=lambda fault: fault.name)
+def test_a_million_random_vectors_miss_the_rare_ones(fault: Fault, tmp_path: Path) -> None:
+    whose = plain_champion()
+    vectors = random_vectors(whose.controller, 7, 1_000_000)
+    right = written(whose, tmp_path, stem="right")
+    with HostC(right) as sound, HostC(faulty(whose, fault, tmp_path)) as wrong:
+        for start in range(0, len(vectors), 100_000):
+            rows = vectors[start : start + 100_000]
+            assert (sound.run(rows) == wrong.run(rows)).all()
+
+
+def test_machine_code_without_one_of_its_additions_is_refused(tmp_path: Path) -> None:
+    whose = load(CHAMPIONS / "tiny.pkl")
+    code = written(whose, tmp_path)
+    inputs = random_vectors(whose.controller, 1, 3)
+    with compiled(code, "cortex-m4") as emulated:
+        faults = emulated.faults(inputs)
+    assert len(faults) >= 30
+    for what, wrong in random.Random(1).sample(faults, 12):
+        assert proof_of(whose, wrong, "cortex-m4").verdict != "proved", what
+        wrong.close()
+
+
+def test_instructions_that_are_lifted_wrong_are_seen_in_the_emulator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    operations.operation.cache_clear()
+    monkeypatch.setitem(operations._SCALAR, "Add", lambda t, x, y: t.add(x, y, t.const(x.width, x.width == 32)))
+    with compiled(code, "cortex-m0", "-O0") as emulated:
+        proof = proof_of(whose, emulated, "cortex-m0")
+    operations.operation.cache_clear()
+    assert proof.verdict == "not proved"
+
+
+def test_code_that_does_not_come_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(execute, "MAX_INSTRUCTIONS", 2000)
+    fault = Fault("a loop without end", "{ volatile int on = 1; while (on) { } }")
+    with compiled(faulty(plain_champion(), fault, tmp_path), "cortex-m0") as emulated:
+        monkeypatch.setattr("bitneat.prove.proof._search", lambda *arguments: None)
+        proof = proof_of(plain_champion(), emulated, "cortex-m0")
+    assert proof.verdict == "not proved"
+    assert "did not come back" in proof.reason
+
+
+def test_two_solvers_and_every_value_agree_where_they_are_asked_to(tmp_path: Path) -> None:
+    whose = plain_champion()
+    with compiled(written(whose, tmp_path, "table"), "x86-64", "-O2") as emulated:
+        proof = proof_of(whose, emulated, "x86-64", paranoid=True)
+    assert proof.verdict == "proved", proof.reason
+    assert proof.effort.solver > 0
+    assert proof.effort.exhaustive > 0
+
+
+# The command ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(check, "cache_dir", lambda: tmp_path / "cache")
+    shutil.copy(CHAMPIONS / "tiny.pkl", "champion.pkl")
+    assert main(["codegen", "champion.pkl", "-o", "walker.c", "--style", "unrolled"]) == 0
+    return tmp_path
+
+
+ONE = ["prove", "--targets", "cortex-m4", "--optimize", "2", "--style", "own", "--json", "proof.json"]
+
+
+def test_the_command_proves_and_keeps_what_it_proved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(ONE) == 0
+    assert "PROVED: 1 of 1 binaries" in capsys.readouterr().out
+    data = json.loads((folder / "proof.json").read_text())
+    assert data["verdict"] == "pass"
+    assert data["controller"]["sha256"] == load(folder / "champion.pkl").controller.sha256
+    (pair,) = data["pairs"]
+    assert (pair["target"], pair["optimization"], pair["style"], pair["cached"]) == (
+        "cortex-m4",
+        "-O2",
+        "unrolled",
+        False,
+    )
+    assert main(ONE) == 0
+    assert json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
+    for path in (folder / "cache" / "proofs").iterdir():
+        path.write_text(path.read_text().replace("proved", "prov3d"))
+    assert main(ONE) == 0
+    assert not json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
+
+
+def test_an_edited_file_is_refused_with_inputs_that_show_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(ONE) == 0
+    path = folder / "walker.c"
+    path.write_text(path.read_text().replace(", 256U)", ", 255U)"))
+    assert main(ONE) == 1
+    printed = capsys.readouterr().out
+    assert "NOT PROVED: 0 of 1 binaries" in printed
+    assert "inputs   " in printed
+    data = json.loads((folder / "proof.json").read_text())
+    assert data["verdict"] == "fail"
+    found = data["pairs"][0]["functions"][0]["counterexample"]
+    assert Reference(load(folder / "champion.pkl").controller).step(found["sequence"][-1]) == found["expected"]
+    assert found["found"] != found["expected"]
+
+
+def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
+    chip = CHIP["cortex-m0"]
+    toolchain = chip.toolchain()
+    assert toolchain is not None
+    compiler, flags = toolchain.compiler.command, [*toolchain.flags, "-std=c99", "-O2", "-ffreestanding", "-c"]
+    given = [*ONE[:1], "--targets", "cortex-m0", "--object", "walker.o", "--c", "walker.c"]
+    import subprocess
+
+    subprocess.run([*compiler, *flags, "walker.c", "-o", "walker.o"], check=True)
+    assert main(given) == 0
+    (folder / "wrong").mkdir()
+    shutil.copy(folder / "walker.h", folder / "wrong")
+    (folder / "wrong" / "walker.c").write_text((folder / "walker.c").read_text().replace("sum0 += ", "sum0 -= ", 1))
+    subprocess.run([*compiler, *flags, "wrong/walker.c", "-o", "walker.o"], check=True)
+    assert main(given) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--targets", "avr"], "--targets: avr is none of"),
+        (["--optimize", "9"], "--optimize: '9' is none of"),
+        (["--object", "walker.o"], "name the one target"),
+        (["--object", "none.o", "--targets", "cortex-m0"], "none.o"),
+        (["missing.pkl"], "missing.pkl"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["prove", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_missing_package_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(check, "find_spec", lambda name: None if name == "bitwuzla" else name)
+    assert main(["prove"]) == 2
+    assert "prove needs bitwuzla: pip install 'bitneat[prove]'" in capsys.readouterr().err
