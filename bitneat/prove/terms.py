@@ -249,7 +249,8 @@ class Terms:
         return self._extracted[key]
 
     def _extract(self, term: Term, low: int, width: int) -> Term:
-        # Bits from the middle of what is no sum stay bits of it: it may turn out to be a cut, of which its parts know nothing.
+        # Odd bits of what is no sum stay bits of it: it may turn out to be a cut, of which its parts know nothing.
+        lower_part = low == 0 and width in (8, 16, 32)
         if low and term.width == 2 * WORD and _fits(term.low, term.high, WORD):
             # A word in a register of two: its upper half repeats the sign.
             return self._extract_of_extended(self.extract(term, 0, WORD), low, width, is_signed=True)
@@ -269,13 +270,13 @@ class Terms:
                 narrow = self._extract_of_lin(term, low, width)
                 if narrow is not None:
                     return narrow
-            case Op.AND if low == 0:
+            case Op.AND if lower_part:
                 return self.bit_and(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.OR if low == 0:
+            case Op.OR if lower_part:
                 return self.bit_or(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.XOR if low == 0:
+            case Op.XOR if lower_part:
                 return self.bit_xor(*(self.extract(arg, low, width) for arg in term.args))
-            case Op.ITE if low == 0 or (term.args[1].is_const and term.args[2].is_const):
+            case Op.ITE if lower_part or (term.args[1].is_const and term.args[2].is_const):
                 condition, then, otherwise = term.args
                 return self.ite(condition, self.extract(then, low, width), self.extract(otherwise, low, width))
             case Op.MUL if low == 0:
