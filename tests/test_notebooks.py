@@ -25,6 +25,7 @@ from bitneat.policy.arrays import read_layers
 from bitneat.policy.layers import layered_network
 from bitneat.reproduce.results import policy_from_data
 from bitneat.sim.walker import run_episodes
+from tests.sealed import sealed
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "notebooks"
@@ -165,7 +166,7 @@ def test_the_notebook_on_evaluating_runs_a_part_of_the_smoke_budget_or_shows_wha
     # The same results, but for one that is not theirs: this is how one sees that they are read and not made again.
     files["default-1.json"]["heldout"]["mean"] = 271.25
     for name, content in files.items():
-        (tmp_path / name).write_text(json.dumps(content))
+        (tmp_path / name).write_text(sealed(content))
     notebook = _with_parameters(_read("evaluate"), PUBLISHED=tmp_path)
     found = _run(notebook, "{'origin': origin, 'verdicts': {claim.claim: claim.verdict for claim in judged}}")
     assert found["origin"] == "published results"

@@ -20,8 +20,8 @@ import pytest
 
 from bitneat.native.data import runtime_dir
 from tests.mutation import parity
+from tests.mutation.checker import PROGRAM
 from tests.mutation.corpus import blobs, subjects
-from tests.runtime.test_validate import PROGRAM
 
 SOURCES = ("interpreter", *parity.RUNTIME_SOURCES)
 

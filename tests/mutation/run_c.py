@@ -30,9 +30,9 @@ from pathlib import Path
 from bitneat.controller import packing, passes
 from tests.mutation import parity
 from tests.mutation.c_source import Mutant, mutants
+from tests.mutation.checker import PROGRAM
 from tests.mutation.corpus import blobs, subjects
 from tests.mutation.survivors import TABLE, arguments_of
-from tests.runtime.test_validate import PROGRAM
 
 generating = sys.modules["bitneat.codegen.generate"]  # the package has a function of that name
 
