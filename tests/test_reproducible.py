@@ -21,28 +21,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.small import small_search
+
 ROOT = Path(__file__).resolve().parents[1]
 
-CONFIG = """
-[evolve]
-generations = 3
-race_episodes = 1 2
-race_fractions = 1 0.3
-selection_episodes = 2
-final_episodes = 3
-report_episodes = 3
-finalists = 2
-max_steps = 60
-[NEAT]
-pop_size = 16
-[BitGenome]
-mutate_bias = 1
-mutate_delay = 0.5
-"""
+CONFIG = small_search(3, 16, "[BitGenome]\nmutate_bias = 1\nmutate_delay = 0.5\n")
 
 DRIVER = """
 import json, os, sys
 from bitneat.cli.main import main
+from tests.small import small_search
 os.umask(int(sys.argv[1]))
 for path, arguments in json.loads(sys.argv[2]):
     if path is not None:

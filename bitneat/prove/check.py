@@ -18,12 +18,13 @@ from bitneat.champion import Champion
 from bitneat.controller import DiscreteAction
 from bitneat.controller.packing import pack_blob
 from bitneat.errors import BitneatError
-from bitneat.files import read_capped, write_json
+from bitneat.files import make_folder, read_capped, write_atomic
 from bitneat.native.build import cache_dir
 from bitneat.prove.equivalence import Lemmas
-from bitneat.prove.execute import AMD64, CORTEX_M, Processor
+from bitneat.prove.execute import AMD64, CORTEX_M, CORTEX_M0, Processor
 from bitneat.prove.proof import FunctionProof, Subject, prove_function
 from bitneat.prove.queries import SOLVERS
+from bitneat.state import seal, unseal
 from bitneat.verify.cfile import MAX_FILE_BYTES, CFile
 from bitneat.verify.implementation import entries
 from bitneat.verify.machine import Toolchain
@@ -33,7 +34,7 @@ from bitneat.verify.targets.emulated import EmulatedC
 
 PROCESSORS: dict[str, Processor] = {
     "x86-64": AMD64,
-    "cortex-m0": CORTEX_M,
+    "cortex-m0": CORTEX_M0,
     "cortex-m3": CORTEX_M,
     "cortex-m4": CORTEX_M,
 }
@@ -44,6 +45,7 @@ OPTIMIZATIONS = ("-O0", "-Os", "-O2", "-O3")
 """What is proved unless something else is asked for."""
 
 PACKAGES = ("pyvex", *SOLVERS)
+_MAX_KEPT_BYTES = 1 << 20
 
 
 @dataclass
@@ -210,8 +212,8 @@ def _prove_entry(
     proved = [prove_function(subject, function) for function in functions]
     pair.functions += proved
     if use_cache and all(one.verdict == "proved" for one in proved):
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        write_json(kept, [one.to_data() for one in proved])
+        make_folder(kept.parent)
+        write_atomic(kept, seal({"functions": [one.to_data() for one in proved]}))
 
 
 def _chip(name: str) -> tuple[Chip, Toolchain]:
@@ -282,6 +284,7 @@ def _own_sources() -> str:
 
 def _read(path: Path) -> list[FunctionProof] | None:
     try:
-        return [FunctionProof.from_data(one) for one in json.loads(path.read_bytes())]
-    except (OSError, ValueError, KeyError, TypeError):
+        data = unseal(read_capped(path, _MAX_KEPT_BYTES), str(path))
+        return [FunctionProof.from_data(one) for one in data["functions"]]
+    except (BitneatError, KeyError, TypeError, ValueError):
         return None  # not there, or damaged: then it is proved again

@@ -7,7 +7,7 @@ pyvex lifts the machine code to VEX, Valgrind's intermediate language, whose ope
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any
 
@@ -50,6 +50,8 @@ class Processor:
     initial: tuple[tuple[str, int, int], ...] = ()
     red_zone: int = 0
     thumb: bool = False
+    aligned: bool = False
+    """Whether an access that is not at a multiple of its size faults."""
 
 
 AMD64 = Processor(
@@ -75,6 +77,7 @@ CORTEX_M = Processor(
     initial=(("itstate", 32, 0), ("cc_op", 32, 0)),
     thumb=True,
 )
+CORTEX_M0 = replace(CORTEX_M, aligned=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +114,11 @@ class Machine:
         self._vex: Any = import_module("pyvex")
         self._arch: Any = getattr(self._vex, processor.vex)
         self._lifted: dict[int, Any] = {}
-        own = Region("its code and constants", program.code, writable=False, given=True)
+        own = Region("its code and constants", program.code, writable=False)
         # On top of the stack is what a call pushes; above that is the caller's.
         pushed = 0 if processor.link else processor.word // 8
         self._stack_top = _STACK_TOP - pushed
-        stack = Region("its stack", range(_STACK_TOP - _STACK_BYTES, _STACK_TOP), writable=True, given=False)
+        stack = Region("its stack", range(_STACK_TOP - _STACK_BYTES, _STACK_TOP), writable=True)
         self.memory = Memory(terms, (own, *regions), stack)
         for at, byte in enumerate(program.content):
             self.memory.provide(program.code.start + at, terms.const(8, byte))
@@ -124,6 +127,7 @@ class Machine:
         self._at = 0
         self._instructions = 0
         self._stack_accesses: list[int] = []
+        self._pointer_before = self._stack_top
         self._set_up()
 
     def _set_up(self) -> None:
@@ -232,8 +236,6 @@ class Machine:
         pointer_term = self._get(self._processor.stack_pointer)
         self._pointer_before = pointer_term.unsigned if pointer_term.is_const else self._stack_top
 
-    _pointer_before = _STACK_TOP
-
     def _statement(self, statement: Any) -> int | None:
         """Execute one; the address that it jumps to, if it does."""
         match statement.tag:
@@ -281,16 +283,20 @@ class Machine:
         return self._terms.sext(term, width) if is_signed else self._terms.zext(term, width)
 
     def _store(self, address: Term, term: Term) -> None:
-        place = self._known(address, "writes to an address that depends on data")
-        if self.memory.is_stack(place):
-            self._stack_accesses.append(place)
+        place = self._place(address, term.width // 8, "writes to")
         self.memory.store(place, term)
 
     def _load(self, address: Term, size: int) -> Term:
-        place = self._known(address, "reads from an address that depends on data")
+        place = self._place(address, size, "reads from")
+        return self.memory.load(place, size)
+
+    def _place(self, address: Term, size: int, what: str) -> int:
+        place = self._known(address, f"{what} an address that depends on data")
+        if self._processor.aligned and place % size:
+            raise Violation(f"{what} {place:#x}, which is no multiple of {size}")
         if self.memory.is_stack(place):
             self._stack_accesses.append(place)
-        return self.memory.load(place, size)
+        return place
 
     def _expression(self, expression: Any) -> Term:
         match expression.tag:
@@ -299,7 +305,7 @@ class Machine:
             case "Iex_Const":
                 return self._constant(expression.con)
             case "Iex_Get":
-                return self._of_type(self._registers, expression.offset, expression.ty)
+                return self._registers.read(expression.offset, _size(expression.ty))
             case "Iex_Load":
                 return self._load(self._expression(expression.addr), _size(expression.ty))
             case "Iex_Unop" | "Iex_Binop" | "Iex_Triop":
@@ -332,10 +338,6 @@ class Machine:
         if constant.type not in ("Ity_I1", "Ity_I8", "Ity_I16", "Ity_I32", "Ity_I64"):
             raise UnsupportedError(f"VEX constant of type {constant.type}")
         return self._terms.const(size, int(constant.value))
-
-    @staticmethod
-    def _of_type(registers: Bytes, offset: int, kind: str) -> Term:
-        return registers.read(offset, _size(kind))
 
 
 def _size(kind: str) -> int:

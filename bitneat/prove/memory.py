@@ -51,12 +51,11 @@ class Bytes:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Addresses with a purpose. What was ``given`` may be read at once, the rest only once the code has written it."""
+    """Addresses with a purpose. What nobody put there may be read only once the code has written it."""
 
     name: str
     addresses: range
     writable: bool
-    given: bool
 
 
 class Memory:

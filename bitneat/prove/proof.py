@@ -13,12 +13,13 @@ import numpy as np
 from bitneat.controller import Controller, Reference
 from bitneat.controller.reference import evaluate_signals, outputs_of
 from bitneat.prove.equivalence import Effort, Equivalence, Lemmas
+from bitneat.prove.evaluation import signed_values, values_of
 from bitneat.prove.execute import Finished, Machine, Processor, Program
 from bitneat.prove.flags import UnsupportedError
 from bitneat.prove.memory import Region, Violation
 from bitneat.prove.queries import SolverDisagreementError, differ
 from bitneat.prove.semantics import IntArray, Model, build, random_states
-from bitneat.prove.terms import WORD, Atom, Term, Terms, cone, signed_values, values_of
+from bitneat.prove.terms import WORD, Atom, Term, Terms, cone
 from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.targets.image import Image
@@ -191,20 +192,20 @@ def _execute(subject: Subject, terms: Terms, model: Model) -> _Executed:
     regions: list[Region] = []
     arguments: list[int] = []
 
-    def region(symbol: str, name: str, count: int, *, writable: bool, given: bool) -> range:
+    def region(symbol: str, name: str, count: int, *, writable: bool) -> range:
         place = range(symbols[symbol], symbols[symbol] + 2 * count)
-        regions.append(Region(name, place, writable=writable, given=given))
+        regions.append(Region(name, place, writable=writable))
         arguments.append(place.start)
         return place
 
     slots = [Atom(f"state[{i}]", -32768, 32767) for i in range(code.num_state or 0)]
-    state = region("bitneat_state", "its state", len(slots), writable=True, given=True) if slots else range(0)
+    state = region("bitneat_state", "its state", len(slots), writable=True) if slots else range(0)
     if run:
-        signals = region("bitneat_signals", "its signals", code.num_signals or 0, writable=True, given=False)
+        signals = region("bitneat_signals", "its signals", code.num_signals or 0, writable=True)
         at, to = signals.start, signals.stop - 2 * code.num_outputs
     else:
-        observation = region("bitneat_observation", "the observation", code.num_inputs, writable=False, given=True)
-        action = region("bitneat_action", "the action", code.num_outputs, writable=True, given=False)
+        observation = region("bitneat_observation", "the observation", code.num_inputs, writable=False)
+        action = region("bitneat_action", "the action", code.num_outputs, writable=True)
         at, to = observation.start, action.start
     machine = Machine(terms, subject.processor, _program(image), regions)
     for i, atom in enumerate(model.inputs):
@@ -399,7 +400,9 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             raise _NotProved(f"in the emulator it {error}") from None
         terms = found[:, lane] if subject.image.code.num_state else found[0]
         if not np.array_equal(ran, terms):
-            raise _NotProved("the emulator computes something else than the lifted instructions")
+            raise _NotProved(
+                "the emulator computes something else than the lifted instructions, or what was never set shows"
+            )
 
 
 def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[list[int]]:
@@ -488,7 +491,7 @@ def _prove_reset(subject: Subject, proof: FunctionProof) -> None:
     image, terms = subject.image, Terms()
     count = image.code.num_state or 0
     place = range(image.symbols["bitneat_state"], image.symbols["bitneat_state"] + 2 * count)
-    region = Region("its state", place, writable=True, given=False)
+    region = Region("its state", place, writable=True)
     finished = Machine(terms, subject.processor, _program(image), [region]).call(proof.function, [place.start])
     proof.instructions, proof.stack_bytes = finished.instructions, finished.stack_bytes
     for i in range(count):
@@ -500,7 +503,7 @@ def _prove_decide(subject: Subject, proof: FunctionProof) -> None:
     image, terms = subject.image, Terms()
     count = image.code.num_outputs
     place = range(image.symbols["bitneat_action"], image.symbols["bitneat_action"] + 2 * count)
-    region = Region("the action", place, writable=False, given=True)
+    region = Region("the action", place, writable=False)
     machine = Machine(terms, subject.processor, _program(image), [region])
     atoms = [Atom(f"action[{i}]", -32767, 32767) for i in range(count)]
     for i, atom in enumerate(atoms):
@@ -513,10 +516,25 @@ def _prove_decide(subject: Subject, proof: FunctionProof) -> None:
         larger = terms.slt(best, value)
         best, chosen = terms.ite(larger, value, best), terms.ite(larger, terms.const(WORD, subject.start + i), chosen)
     found = terms.extract(finished.returned, 0, WORD)
+    _check_choices(subject, found, atoms)
     answer = differ(found, chosen, seconds=60, paranoid=subject.paranoid)
     if answer.outcome != "equal":
         raise _NotProved("the choice: not shown to be the index of the largest output, the lowest of equals")
     proof.effort.solver += 1
+
+
+def _check_choices(subject: Subject, found: Term, atoms: Sequence[Atom]) -> None:
+    """As `_check_emulator`."""
+    generator = np.random.default_rng(_SEED)
+    outputs = generator.integers(-32767, 32767, size=(_SAMPLES, len(atoms)), endpoint=True)
+    outputs[::4] = outputs[::4] >> 14  # few values, so that some are equal
+    values = dict(zip(atoms, outputs.T, strict=True))
+    values |= {atom: np.zeros(_SAMPLES, dtype=np.int64) for atom in _unknown_atoms([found])}
+    lifted = np.broadcast_to(signed_values(values_of([found], values)[0], WORD), (_SAMPLES,))
+    if not np.array_equal(subject.emulated.decisions(outputs.astype(np.int16))[:, 0], lifted):
+        raise _NotProved(
+            "the emulator computes something else than the lifted instructions, or what was never set shows"
+        )
 
 
 _PROVERS = {"step": _prove_step, "run": _prove_step, "reset": _prove_reset, "decide": _prove_decide}

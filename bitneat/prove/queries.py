@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, Literal
 
 from bitneat.prove.terms import Atom, Op, Term, cone
@@ -27,11 +26,6 @@ class Answer:
 
     outcome: Outcome
     model: Mapping[Atom, int] | None = None
-
-
-def missing_solver() -> str | None:
-    """The solver that is not installed, if one is."""
-    return next((name for name in SOLVERS if find_spec(name) is None), None)
 
 
 def differ(

@@ -21,7 +21,8 @@ from bitneat.controller.activation import Op as Step
 from bitneat.controller.interval import Interval, image, intervals
 from bitneat.controller.ir import MAX_SIGNALS, SIGNAL_MAX, Constant, Node
 from bitneat.controller.reference import node_value
-from bitneat.prove.terms import WORD, Atom, Op, Term, Terms, signed_values, values_of
+from bitneat.prove.evaluation import signed_values, values_of
+from bitneat.prove.terms import WORD, Atom, Op, Term, Terms
 from bitneat.verify.vectors import random_vectors
 
 IntArray = npt.NDArray[np.int64]
@@ -99,7 +100,8 @@ def build(terms: Terms, controller: Controller, *, guard: bool) -> Model:
 
     What is known of states is known by induction: it holds after a reset, and if it holds before a step it holds after it.
 
-    - Each signal is within the bounds that `bitneat.controller.interval` finds.
+    - Each signal is within the bounds that `bitneat.controller.interval` finds, if a step keeps it there; else within those of its
+      limit or activation, which always do.
     - A node that reads nothing with a delay, and is 0 where all that it reads is 0, was what its definition makes of the
       signals before, too.
     - Signals that were always equal on random sequences are taken to be equal, until one step from there gives different
@@ -111,13 +113,27 @@ def build(terms: Terms, controller: Controller, *, guard: bool) -> Model:
         guard: whether inputs may be any int16, and are clipped to their limits first.
     """
     groups = _seen_equal(controller) if controller.is_recurrent else list(range(controller.num_signals))
+    wide = False
     while True:
-        model = _Builder(terms, controller, groups).run(guard=guard)
+        model = _Builder(terms, controller, groups, wide=wide).run(guard=guard)
         refined: dict[tuple[int, Term], int] = {}
         after = [refined.setdefault(key, i) for i, key in enumerate(zip(groups, model.signals, strict=True))]
         if len(set(after)) == len(set(groups)):
-            return model
+            if _stays_inside(model):
+                return model
+            if wide:
+                raise AssertionError("a signal is beyond its own limit")
+            wide = True
         groups = after
+
+
+def _stays_inside(model: Model) -> bool:
+    """Whether a step keeps each signal within the bounds that it was taken to be in before it."""
+    return all(
+        before.low <= after.low and after.high <= before.high
+        for before, after in zip(model.previous, model.signals, strict=bool(model.previous))
+        if before.atom in model.free
+    )
 
 
 def _seen_equal(controller: Controller) -> list[int]:
@@ -135,8 +151,8 @@ def _seen_equal(controller: Controller) -> list[int]:
 
 
 class _Builder:
-    def __init__(self, terms: Terms, controller: Controller, groups: Sequence[int]) -> None:
-        self.terms, self.controller, self._groups = terms, controller, groups
+    def __init__(self, terms: Terms, controller: Controller, groups: Sequence[int], *, wide: bool) -> None:
+        self.terms, self.controller, self._groups, self._wide = terms, controller, groups, wide
         self.model = Model(controller, [])
         self._known: dict[Term, Term] = {}
 
@@ -169,6 +185,9 @@ class _Builder:
             if group not in unknown:
                 # All of a group are equal, so the bounds of its first are those of all.
                 low, high = min(bounds.low, 0), max(bounds.high, 0)
+                if self._wide:
+                    limit = controller.signal_limit(i)
+                    low, high = -limit, limit
                 atom = Atom(f"previous[{i}]", low, high)
                 model.free.append(atom)
                 unknown[group] = terms.var(atom, WORD)

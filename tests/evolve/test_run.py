@@ -29,23 +29,9 @@ from bitneat.evolve.search import Search, episode_limit
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeRunner, inspect
 from tests.sealed import sealed
+from tests.small import small_search
 
-SMALL = """
-[evolve]
-generations = 4
-race_episodes = 1 2
-race_fractions = 1 0.3
-selection_episodes = 2
-final_episodes = 3
-report_episodes = 3
-finalists = 2
-max_steps = 60
-[NEAT]
-pop_size = 14
-[BitGenome]
-mutate_bias = 1
-mutate_delay = 0.5
-"""
+SMALL = small_search(4, 14, "[BitGenome]\nmutate_bias = 1\nmutate_delay = 0.5\n")
 
 
 class Silent:

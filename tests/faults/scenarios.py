@@ -23,22 +23,11 @@ import bitneat.cli.polish
 from bitneat.cli.main import main
 from bitneat.native import build
 from bitneat.sim.environment import EpisodeResult
+from tests.small import small_search
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "examples" / "champions" / "tiny.pkl"
-CONFIGURATION = """
-[evolve]
-generations = 4
-race_episodes = 1 2
-race_fractions = 1 0.3
-selection_episodes = 2
-final_episodes = 3
-report_episodes = 3
-finalists = 2
-max_steps = 60
-[NEAT]
-pop_size = 8
-"""
+CONFIGURATION = small_search(4, 8)
 
 
 class MadeUp:

@@ -3,6 +3,7 @@
 import json
 import random
 import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,10 +15,12 @@ from bitneat.champion import Champion, load
 from bitneat.cli.main import main
 from bitneat.codegen import STYLES, Style, generate
 from bitneat.controller import Controller, DiscreteAction, Input, Link, Node, Reference, Signal
-from bitneat.prove import check, execute, operations
+from bitneat.controller.interval import Interval, Intervals, intervals
+from bitneat.prove import check, execute, operations, semantics
 from bitneat.prove.check import PROCESSORS, prove
 from bitneat.prove.equivalence import Lemmas
 from bitneat.prove.proof import FunctionProof, Subject, prove_function
+from bitneat.prove.terms import Terms
 from bitneat.verify.cfile import CFile
 from bitneat.verify.implementation import HostC, entries
 from bitneat.verify.targets.chips import CHIPS
@@ -272,8 +275,6 @@ def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
     assert toolchain is not None
     compiler, flags = toolchain.compiler.command, [*toolchain.flags, "-std=c99", "-O2", "-ffreestanding", "-c"]
     given = [*ONE[:1], "--targets", "cortex-m0", "--object", "walker.o", "--c", "walker.c"]
-    import subprocess
-
     subprocess.run([*compiler, *flags, "walker.c", "-o", "walker.o"], check=True)
     assert main(given) == 0
     (folder / "wrong").mkdir()
@@ -309,3 +310,28 @@ def test_a_missing_package_is_named(
     monkeypatch.setattr(check, "find_spec", lambda name: None if name == "bitwuzla" else name)
     assert main(["prove"]) == 2
     assert "prove needs bitwuzla: pip install 'bitneat[prove]'" in capsys.readouterr().err
+
+
+# What the model takes to be true of states --------------------------------------------------------------------------
+
+
+def test_bounds_of_states_that_a_step_can_leave_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = controller_with_state()
+    right = semantics.build(Terms(), drawn, guard=False)
+    narrow = intervals(drawn)
+    wrong = Intervals(tuple(Interval(-1, 1) for _ in narrow.signals), narrow.nodes)
+    monkeypatch.setattr(semantics, "intervals", lambda controller: wrong)
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert [(atom.low, atom.high) for atom in model.free] != [(-1, 1)] * len(model.free)
+    for before, after in zip(model.free, right.free, strict=True):
+        assert before.low <= after.low <= after.high <= before.high
+
+
+def test_signals_that_were_equal_by_chance_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = controller_with_state()
+    right = semantics.build(Terms(), drawn, guard=False)
+    monkeypatch.setattr(semantics, "_seen_equal", lambda controller: [0] * controller.num_signals)
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert len(model.free) == len(right.free)
+    assert model.previous[2] is model.previous[3]
+    assert model.previous[0] is not model.previous[2]

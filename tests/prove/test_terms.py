@@ -6,8 +6,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from bitneat.prove.evaluation import values_of
 from bitneat.prove.queries import SOLVERS, Answer, SolverDisagreementError, differ, queries_by
-from bitneat.prove.terms import Atom, Term, Terms, rebuild, signed, substituted, values_of
+from bitneat.prove.terms import Atom, Term, Terms, rebuild, signed, substituted
 from tests.conftest import BUDGET
 
 SAMPLES = 64
