@@ -30,7 +30,6 @@ CONFIG = small_search(3, 16, "[BitGenome]\nmutate_bias = 1\nmutate_delay = 0.5\n
 DRIVER = """
 import json, os, sys
 from bitneat.cli.main import main
-from tests.small import small_search
 os.umask(int(sys.argv[1]))
 for path, arguments in json.loads(sys.argv[2]):
     if path is not None:
