@@ -30,6 +30,9 @@ FAULTS = (
     Fault("three inputs by chance", f"n0 += (unsigned)(({_X} == 105) & ({_Y} == -206) & (observation[2] == -1907));", rare=True),
     Fault("one bit by chance", f"n0 ^= (unsigned)((({_X} ^ {_Y}) == 0x55) & (observation[2] == 1999)) << 3;", rare=True),
     Fault("values beside each other", f"n0 -= (unsigned)(({_X} - {_Y} == 3) & ({_Y} + observation[2] == -2040));", rare=True),
+    Fault("one value of a sum", "n0 ^= (unsigned)(sum0 == 1777U);"),
+    Fault("an odd address", "n0 += (unsigned)(*(volatile const int16_t *)((const uint8_t *)observation + 1) & 0);", shows=False,
+          only="cortex-m0"),
     Fault("a branch on data", f"if ({_X} > 3) {{ volatile int16_t stop = 0; (void)stop; }}", shows=False),
     Fault("an address from data", "{ static const uint8_t zeros[2] = {0, 0}; volatile const uint8_t *at = zeros;"
           f" n0 += at[({_X} >> 4) & 1]; }}", shows=False),

@@ -174,6 +174,22 @@ def test_a_million_random_vectors_miss_the_rare_ones(fault: Fault, tmp_path: Pat
             assert (sound.run(rows) == wrong.run(rows)).all()
 
 
+def test_one_value_of_a_sum_too_wide_to_be_tried_whole_is_found(tmp_path: Path) -> None:
+    drawn = Controller((Input(),) * 20, (Node(tuple(Link(i) for i in range(20)), 0, -3, "clamped"),), (Signal(20),), 8)
+    whose = Champion(drawn, box_action(1), None)
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    with compiled(code, "x86-64") as emulated:
+        assert proof_of(whose, emulated, "x86-64").verdict == "proved"
+    text = code.source.replace("    action[0] = legs_signal(n0)", "    action[0] = legs_signal(n0 ^ (sum0 == 654321U))")
+    assert text != code.source
+    code.path.write_text(text)
+    with compiled(CFile.read(code.path), "x86-64") as emulated:
+        proof = proof_of(whose, emulated, "x86-64")
+    assert proof.verdict == "refuted", proof.reason
+    assert proof.counterexample is not None
+    assert sum(proof.counterexample.sequence[-1]) == 654321
+
+
 def test_machine_code_without_one_of_its_additions_is_refused(tmp_path: Path) -> None:
     whose = load(CHAMPIONS / "tiny.pkl")
     code = written(whose, tmp_path)
