@@ -215,6 +215,34 @@ def test_instructions_that_are_lifted_wrong_are_seen_in_the_emulator(
     assert proof.verdict == "not proved"
 
 
+def test_a_binary_that_is_right_only_as_it_is_lifted_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = faulty(whose, Fault("its lowest bit", "n0 ^= 1U;"), tmp_path)
+    operations.operation.cache_clear()
+    monkeypatch.setitem(operations._SCALAR, "Xor", lambda t, x, y: x)
+    with compiled(code, "cortex-m0") as emulated:
+        proof = proof_of(whose, emulated, "cortex-m0")
+    operations.operation.cache_clear()
+    assert proof.verdict == "refuted"
+    assert "the emulator computes something else" in proof.reason
+
+
+def test_a_state_that_is_seldom_wrong_is_refused(tmp_path: Path) -> None:
+    drawn = controller_with_state()
+    whose = Champion(drawn, box_action(3), None)
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    rare = "(uint32_t)((observation[0] == 217) & (observation[1] == -20217))"
+    wrong = code.source.replace("delayed[0] = legs_signal(x1)", f"delayed[0] = legs_signal(x1 ^ {rare})")
+    assert wrong != code.source
+    code.path.write_text(wrong)
+    with compiled(CFile.read(code.path), "cortex-m4") as emulated:
+        proof = proof_of(whose, emulated, "cortex-m4")
+    assert proof.verdict != "proved"
+    assert proof.reason.startswith("state ")
+
+
 def test_code_that_does_not_come_back_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(execute, "MAX_INSTRUCTIONS", 2000)
     fault = Fault("a loop without end", "{ volatile int on = 1; while (on) { } }")
@@ -341,6 +369,16 @@ def test_bounds_of_states_that_a_step_can_leave_are_not_believed(monkeypatch: py
     assert [(atom.low, atom.high) for atom in model.free] != [(-1, 1)] * len(model.free)
     for before, after in zip(model.free, right.free, strict=True):
         assert before.low <= after.low <= after.high <= before.high
+
+
+def test_nodes_that_only_seemed_equal_are_told_apart_before_anything_is_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nodes = tuple(Node((Link(i), Link(2 + i, delay=1)), 0, 0, "clamped") for i in range(2))
+    drawn = Controller((Input(limit=9), Input(limit=9)), nodes, (Signal(2), Signal(3)), 8)
+    monkeypatch.setattr(semantics, "_seen_equal", lambda controller: [0, 1, 2, 2])
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert model.previous[2] is not model.previous[3]
 
 
 def test_signals_that_were_equal_by_chance_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
