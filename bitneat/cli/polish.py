@@ -26,6 +26,7 @@ best few of every packed size. The result depends on the arguments alone. It can
 be stopped at any moment (Ctrl-C), and --resume goes on."""
 EXAMPLE = """\
   bitneat polish champion.pkl -o better                    look for the highest reward
+  bitneat polish champion.pkl --max-bytes 128 --risk 0.5 -o safe
   bitneat polish better/champion.pkl --for size --floor 300 -o tiny
   bitneat polish --resume tiny --generations 500"""
 FILES = """\
@@ -44,6 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     search.add_argument("--for", choices=("reward", "size"), dest="objective", help="what to look for (default reward)")
     search.add_argument(
         "--floor", metavar="R", type=float, help="mean reward that --for size keeps (default 300); progress tells of it"
+    )
+    search.add_argument(
+        "--max-bytes", metavar="B", type=whole_number(1), help="packed bytes that the champion may have at most"
+    )
+    search.add_argument(
+        "--risk",
+        metavar="K",
+        type=float,
+        help="standard deviations of an episode that a mean loses when means are compared (default 0); makes falls rare",
     )
     search.add_argument(
         "--generations",
@@ -72,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Polish, and leave the champion in the run folder."""
+    from bitneat.controller.packing import pack
     from bitneat.evolve.polish import Polish
     from bitneat.evolve.polish_run import PolishFolder
     from bitneat.sim.environment import allow_imports
@@ -80,17 +91,21 @@ def run(args: argparse.Namespace) -> int:
         raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
     if args.floor is not None and not abs(args.floor) < float("inf"):
         raise BitneatError(f"--floor {args.floor}: expected a finite reward")
+    if args.risk is not None and not 0 <= args.risk < float("inf"):
+        raise BitneatError(f"--risk {args.risk}: expected a number of at least 0")
     allow_imports(args.imports or ())
     history: list[Row] = []
     if args.resume is None:
         settings = _new_settings(args)
         folder = PolishFolder(args.output or Path("runs") / f"polish-{settings.seed}", warn)
-        polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
+        polish = Polish(settings.start, settings.goal, settings.seed)
     else:
         folder = PolishFolder(args.resume, warn)
         settings, polish, history = _resumed(args, folder)
     champion, score, finished = _polish(args, folder, settings, polish, history)
     summary = _summary(folder, champion, score, finished)
+    if excess := settings.goal.excess(len(pack(champion.controller))):
+        warn(f"none of at most {settings.goal.max_bytes} packed bytes was found: the champion has {excess} more")
     print_champion(summary)
     if args.json is not None:
         from bitneat.files import write_json
@@ -152,6 +167,7 @@ def _summary(folder: PolishFolder, champion: Champion, score: Score, finished: b
 
 def _new_settings(args: argparse.Namespace) -> PolishSettings:
     from bitneat.champion import load
+    from bitneat.evolve.polish import Goal
     from bitneat.evolve.polish_run import PolishSettings
     from bitneat.sim.environment import inspect
     from bitneat.sim.walker.trigonometry import probe_for
@@ -176,8 +192,7 @@ def _new_settings(args: argparse.Namespace) -> PolishSettings:
         first.environment,
         first.action,
         tuple(champion.controller for champion in champions),
-        args.objective or "reward",
-        300.0 if args.floor is None else args.floor,
+        Goal(args.objective or "reward", 300.0 if args.floor is None else args.floor, args.max_bytes, args.risk or 0.0),
         args.generations or DEFAULT_GENERATIONS,
         args.seed or 0,
         min(limits),
@@ -191,8 +206,15 @@ def _resumed(args: argparse.Namespace, folder: PolishFolder) -> tuple[PolishSett
 
     from bitneat.sim.walker.trigonometry import refuse_other
 
-    given = {"CHAMPION": args.champions or None, "--for": args.objective, "--floor": args.floor, "--seed": args.seed,
-             "-o": args.output}  # fmt: skip
+    given = {
+        "CHAMPION": args.champions or None,
+        "--for": args.objective,
+        "--floor": args.floor,
+        "--max-bytes": args.max_bytes,
+        "--risk": args.risk,
+        "--seed": args.seed,
+        "-o": args.output,
+    }
     for option, value in given.items():
         if value is not None:
             raise BitneatError(f"{option}: not with --resume, which takes it from the run")

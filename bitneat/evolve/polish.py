@@ -30,12 +30,55 @@ _RACE = ((3, 32, 60.0), (6, 12, 12.0), (14, 6, 4.0), (40, 4, 1.0))
 _PARENTS = 10
 _PER_SIZE = 4
 _PARENT_EPISODES = 6
-_MOST_EPISODES = 600
+_MOST_EPISODES = 3000
+"""A fall in a thousand episodes is seen only by who looks at thousands; the parents alone are evaluated that often."""
 _FIRST_EPISODES = 32
 _NEAR = 25.0
 """Controllers this far below the floor may still have children that are above it."""
 _SLIGHTLY = 4.0
+_EXCESS = 0.5
+"""Reward that a byte beyond the largest size wanted counts as: such a controller may have children that are small enough."""
 _MEAN_CHANGES = (1.0, 1.5, 2.5)
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What a polishing run looks for.
+
+    Args:
+        objective: "reward" looks for the highest mean, "size" for the fewest packed bytes whose mean is at least ``floor``.
+        floor: what "size" must not fall below.
+        max_bytes: packed bytes that the champion may have at most.
+        risk: standard deviations of an episode's reward that a mean loses wherever means are compared: 0 weighs a fall as what
+            it costs, more makes falls rare.
+
+    Raises:
+        BitneatError: if a value cannot be.
+    """
+
+    objective: str = "reward"
+    floor: float = 0.0
+    max_bytes: int | None = None
+    risk: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            raise BitneatError(f"objective: expected {' or '.join(OBJECTIVES)}")
+        for name, value in (("floor", self.floor), ("risk", self.risk)):
+            if type(value) not in (int, float) or not math.isfinite(value):
+                raise BitneatError(f"{name}: expected a finite number")
+        if self.risk < 0:
+            raise BitneatError("risk: expected a number of at least 0")
+        if self.max_bytes is not None and (type(self.max_bytes) is not int or self.max_bytes < 1):
+            raise BitneatError("max_bytes: expected a whole number above 0")
+
+    def excess(self, size: int) -> int:
+        """Bytes more than wanted."""
+        return 0 if self.max_bytes is None else max(size - self.max_bytes, 0)
+
+    def value(self, entry: Entry) -> float:
+        """What a controller is surely worth: the mean less ``risk`` standard deviations, less one standard error."""
+        return entry.mean - entry.std * (self.risk + 1.0 / math.sqrt(entry.episodes))
 
 
 @dataclass
@@ -66,10 +109,9 @@ class Entry:
         return self.total / self.episodes
 
     @property
-    def bound(self) -> float:
-        """The mean less one standard error."""
-        variance = max(self.squares / self.episodes - self.mean**2, 0.0)
-        return self.mean - math.sqrt(variance / self.episodes)
+    def std(self) -> float:
+        """Standard deviation of the official reward."""
+        return math.sqrt(max(self.squares / self.episodes - self.mean**2, 0.0))
 
     def to_data(self) -> dict[str, Any]:
         """As plain data."""
@@ -105,6 +147,7 @@ class Row:
 
     generation: int
     best: float
+    """Mean of the controller that is surely worth most, of those that are small enough if any is."""
     best_bytes: int
     smallest: int | None
     """Fewest packed bytes at or above the floor."""
@@ -119,14 +162,12 @@ class Polish:
 
     Args:
         controllers: where to start; at least one.
-        objective: "reward" looks for the highest mean, "size" for the fewest packed bytes whose mean is at least ``floor``.
-        floor: what "size" must not fall below.
+        goal: what to look for.
         seed: of all randomness.
     """
 
-    def __init__(self, controllers: Sequence[Controller], objective: str, floor: float, seed: int) -> None:
-        self.objective = objective
-        self.floor = floor
+    def __init__(self, controllers: Sequence[Controller], goal: Goal, seed: int) -> None:
+        self.goal = goal
         self.generation = 0
         self.archive = [Entry(controller.canonical) for controller in controllers]
         self._random = random.Random(f"bitneat polish {seed}")
@@ -146,28 +187,36 @@ class Polish:
         return self._row(counter)
 
     def ranking(self) -> list[Entry]:
-        """The archive, what the objective asks for first."""
-        if self.objective == "reward":
-            return sorted(self.archive, key=lambda e: -e.bound)
-        return sorted(
-            self.archive, key=lambda e: (e.bound < self.floor, e.size if e.bound >= self.floor else 0, -e.bound)
-        )
+        """The archive, what the goal asks for first."""
+        return sorted(self.archive, key=self._rank)
+
+    def _rank(self, entry: Entry) -> tuple[bool, bool, float, float]:
+        value, large = self.goal.value(entry), self.goal.excess(entry.size) > 0
+        if self.goal.objective == "reward":
+            return large, False, 0.0, -self._worth(entry)
+        above = value >= self.goal.floor
+        return large, not above, entry.size if above else 0, -value
+
+    def _worth(self, entry: Entry) -> float:
+        """The value, less what bytes beyond the largest size wanted count as."""
+        return self.goal.value(entry) - _EXCESS * self.goal.excess(entry.size)
 
     def front(self) -> list[Entry]:
         """The controllers that no smaller one equals, the smallest first."""
         best, front = -math.inf, []
-        for entry in sorted(self.archive, key=lambda e: (e.size, -e.bound)):
-            if entry.bound > best:
+        for entry in sorted(self.archive, key=lambda e: (e.size, -self.goal.value(e))):
+            if self.goal.value(entry) > best:
                 front.append(entry)
-                best = entry.bound
+                best = self.goal.value(entry)
         return front
 
     def _parents(self) -> list[Entry]:
-        if self.objective == "reward":
-            return self.ranking()[:_PARENTS]
-        near = [e for e in self.archive if e.bound >= self.floor - _NEAR] or self.ranking()[:_PER_SIZE]
+        goal = self.goal
+        if goal.objective == "reward":
+            return sorted(self.archive, key=lambda e: -self._worth(e))[:_PARENTS]
+        near = [e for e in self.archive if goal.value(e) >= goal.floor - _NEAR] or self.ranking()[:_PER_SIZE]
         # A reward above the floor is worth a little, since the next byte will cost some of it.
-        return sorted(near, key=lambda e: e.size - 0.15 * min(e.bound - self.floor, 10.0))[:_PARENTS]
+        return sorted(near, key=lambda e: e.size - 0.15 * min(goal.value(e) - goal.floor, 10.0))[:_PARENTS]
 
     def _children(self, parents: list[Entry]) -> list[Entry]:
         known = {entry.controller.sha256 for entry in self.archive}
@@ -182,7 +231,7 @@ class Polish:
                 continue
             known.add(controller.sha256)
             child = Entry(controller)
-            if self.objective == "reward" or child.size <= largest:
+            if self.goal.objective == "reward" or child.size <= largest:
                 children.append(child)
         return children
 
@@ -201,10 +250,11 @@ class Polish:
 
         "reward" lets a smaller one be a little worse than the best, and "size" asks for no more than the floor and a little.
         """
-        best = max((entry.bound for entry in self.archive if entry.size <= size), default=-math.inf)
-        if self.objective == "reward":
-            return max(best, max(entry.bound for entry in self.archive) - _SLIGHTLY)
-        return min(max(best, self.floor - _NEAR), self.floor + _SLIGHTLY)
+        goal = self.goal
+        best = max((goal.value(entry) for entry in self.archive if entry.size <= size), default=-math.inf)
+        if goal.objective == "reward":
+            return max(best, max(map(self._worth, self.archive)) - _SLIGHTLY + _EXCESS * goal.excess(size))
+        return min(max(best, goal.floor - _NEAR), goal.floor + _SLIGHTLY)
 
     def _tidy(self) -> None:
         by_size: dict[int, list[Entry]] = {}
@@ -212,9 +262,9 @@ class Polish:
             by_size.setdefault(entry.size, []).append(entry)
         best, kept = -math.inf, []
         for size in sorted(by_size):
-            entries = sorted(by_size[size], key=lambda e: -e.bound)[:_PER_SIZE]
-            kept += [e for e in entries if e.bound > best - 6.0]
-            best = max(best, entries[0].bound)
+            entries = sorted(by_size[size], key=lambda e: -self.goal.value(e))[:_PER_SIZE]
+            kept += [e for e in entries if self.goal.value(e) > best - 6.0]
+            best = max(best, self.goal.value(entries[0]))
         self.archive = kept
 
     def _evaluate(self, entries: list[Entry], episodes: int, counter: _Counter) -> None:
@@ -224,9 +274,10 @@ class Polish:
                 entry.add(rewards)
 
     def _row(self, counter: _Counter) -> Row:
-        best = max(self.archive, key=lambda e: e.bound)
-        above = [e for e in self.archive if e.bound >= self.floor]
-        smallest = min(above, key=lambda e: (e.size, -e.bound)) if above else None
+        goal = self.goal
+        best = min(self.archive, key=lambda e: (goal.excess(e.size) > 0, -self._worth(e)))
+        above = [e for e in self.archive if goal.value(e) >= goal.floor]
+        smallest = min(above, key=lambda e: (e.size, -goal.value(e))) if above else None
         return Row(
             self.generation,
             best.mean,

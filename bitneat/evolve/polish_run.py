@@ -13,7 +13,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from bitneat.champion import Champion, EnvironmentSpec, environment_from_data, s
 from bitneat.controller import Action, Controller, action_from_data
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
-from bitneat.evolve.polish import OBJECTIVES, Entry, Polish, Row
+from bitneat.evolve.polish import Entry, Goal, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
 from bitneat.files import make_folder, refuse_links, remove_leftovers, write_atomic
@@ -49,8 +49,7 @@ class PolishSettings:
     environment: EnvironmentSpec
     action: Action
     start: tuple[Controller, ...]
-    objective: str
-    floor: float
+    goal: Goal
     generations: int
     seed: int
     max_steps: int
@@ -64,8 +63,7 @@ class PolishSettings:
             "environment": self.environment.to_data(),
             "action": self.action.to_data(),
             "start": [controller.to_data() for controller in self.start],
-            "objective": self.objective,
-            "floor": self.floor,
+            **asdict(self.goal),
             "generations": self.generations,
             "seed": self.seed,
             "max_steps": self.max_steps,
@@ -84,8 +82,8 @@ class PolishSettings:
             environment_from_data(data["environment"]),
             action_from_data(data["action"]),
             tuple(Controller.from_data(controller) for controller in data["start"]),
-            data["objective"],
-            data["floor"],
+            # The last two are newer than version 2 of the file, and stand for nothing where they are missing.
+            Goal(data["objective"], data["floor"], data.get("max_bytes"), data.get("risk", 0.0)),
             data["generations"],
             data["seed"],
             data["max_steps"],
@@ -95,12 +93,6 @@ class PolishSettings:
         numbers = (settings.generations, settings.seed, settings.max_steps)
         if any(type(number) is not int or number < 0 for number in numbers) or not settings.start:
             raise BitneatError("settings: expected whole numbers and a controller to start from")
-        if (
-            settings.objective not in OBJECTIVES
-            or type(settings.floor) is not float
-            or not math.isfinite(settings.floor)
-        ):
-            raise BitneatError(f"settings: expected an objective of {', '.join(OBJECTIVES)} and a finite floor")
         seconds = settings.seconds
         if seconds is not None and not (type(seconds) in (int, float) and 0 < seconds < math.inf):
             raise BitneatError("settings: expected seconds above 0, or null")
@@ -175,7 +167,7 @@ class PolishFolder:
         path, data = self._state.load(self._warn)
         try:
             settings = PolishSettings.from_data(data["settings"])
-            polish = Polish(settings.start, settings.objective, settings.floor, settings.seed)
+            polish = Polish(settings.start, settings.goal, settings.seed)
             polish.restore(data["search"])
             history = [Row(*values) for values in data["history"]]
         except Exception as error:  # the file may be anyone's
@@ -247,17 +239,23 @@ def _champion(
 
 
 def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[float]]:
-    """The best of the ranking's first on the selection seeds; for size, the smallest that is surely above the floor."""
-    finalists = polish.ranking()[:FINALISTS]
+    """The best of the ranking's first on the selection seeds; for size, the smallest that is surely above the floor.
+
+    None of more bytes than wanted, unless there is no other.
+    """
+    goal = polish.goal
+    ranking = polish.ranking()
+    finalists = [entry for entry in ranking[:FINALISTS] if not goal.excess(entry.size)] or ranking[:FINALISTS]
     results = evaluator.evaluate([e.controller for e in finalists], selection_seeds(SELECTION_EPISODES))
     rewards = [[episode.reward for episode in row] for row in results]
 
     def rank(index: int) -> tuple[bool, float, float]:
         mean, std, *_ = _statistics(rewards[index])
-        above = mean - 2 * std / math.sqrt(len(rewards[index])) >= polish.floor
-        if polish.objective == "size":
-            return not above, finalists[index].size if above else 0, -mean
-        return False, -mean, finalists[index].size
+        value = mean - goal.risk * std
+        if goal.objective == "size":
+            above = value - 2 * std / math.sqrt(len(rewards[index])) >= goal.floor
+            return not above, finalists[index].size if above else 0, -value
+        return False, -value, finalists[index].size
 
     best = min(range(len(finalists)), key=rank)
     return finalists[best], rewards[best]

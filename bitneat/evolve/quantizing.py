@@ -18,7 +18,7 @@ from bitneat.controller.ir import SIGNAL_MAX
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
-from bitneat.evolve.polish import Polish
+from bitneat.evolve.polish import Goal, Polish
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Score
 from bitneat.network import FloatNetwork, Policy
@@ -330,7 +330,7 @@ def _order(trial: Trial) -> tuple[float, int, str]:
 
 def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[[str], None]) -> list[Trial]:
     starts = [trial.candidate for trial in trials[:_START]]
-    polish = Polish([start.controller for start in starts], "reward", 0.0, request.seed)
+    polish = Polish([start.controller for start in starts], Goal(), request.seed)
     while polish.generation < request.generations:
         row = polish.advance(arena.evaluator)
         tell(

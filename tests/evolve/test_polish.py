@@ -6,6 +6,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
-from bitneat.evolve.polish import Polish
+from bitneat.evolve.polish import Entry, Goal, Polish
 from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
 from bitneat.sim.environment import EpisodeResult, Shaping
 from tests.sealed import sealed
@@ -66,8 +67,7 @@ def settings(objective: str, generations: int) -> PolishSettings:
         EnvironmentSpec("Landscape-v0"),
         BoxAction((-1.0, -1.0), (1.0, 1.0), (2,), "float32"),
         (START,),
-        objective,
-        60.0,
+        Goal(objective, 60.0),
         generations,
         seed=4,
         max_steps=10,
@@ -75,7 +75,7 @@ def settings(objective: str, generations: int) -> PolishSettings:
 
 
 def test_reward_finds_the_wanted_links() -> None:
-    polish = Polish([START], "reward", 0.0, seed=1)
+    polish = Polish([START], Goal(), seed=1)
     rows = [polish.advance(Landscape()) for _ in range(12)]
     best = polish.ranking()[0]
     assert Landscape().reward(best.controller) >= 84.0  # one node for both outputs is nearly as good
@@ -84,7 +84,7 @@ def test_reward_finds_the_wanted_links() -> None:
 
 
 def test_size_shrinks_and_keeps_the_floor() -> None:
-    polish = Polish([START], "size", 60.0, seed=1)
+    polish = Polish([START], Goal("size", 60.0), seed=1)
     for _ in range(12):
         polish.advance(Landscape())
     best = polish.ranking()[0]
@@ -95,8 +95,35 @@ def test_size_shrinks_and_keeps_the_floor() -> None:
     assert best.size == len(pack(best.controller))
 
 
+def test_no_more_bytes_than_wanted() -> None:
+    freely, limited = Polish([START], Goal(), seed=1), Polish([START], Goal(max_bytes=8), seed=1)
+    for _ in range(12):
+        freely.advance(Landscape())
+        row = limited.advance(Landscape())
+    best = limited.ranking()[0]
+    assert best.size == row.best_bytes <= 8 < len(pack(START)) < freely.ranking()[0].size
+    assert Landscape().reward(best.controller) > Landscape().reward(START)
+
+
+def test_risk_prefers_the_controller_that_never_falls() -> None:
+    bold, safe = Entry(START), Entry(START)
+    bold.add([340.0] * 99 + [-50.0])
+    safe.add([322.0, 324.0] * 50)
+    assert Goal().value(bold) > Goal().value(safe)
+    assert Goal(risk=0.5).value(bold) < Goal(risk=0.5).value(safe)
+    assert Goal(risk=0.5).value(safe) == pytest.approx(323.0 - 0.5 - 0.1)
+
+
+@pytest.mark.parametrize(
+    "values", [{"objective": "speed"}, {"floor": float("nan")}, {"max_bytes": 0}, {"max_bytes": True}, {"risk": -1.0}]
+)
+def test_a_goal_that_cannot_be_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(BitneatError, match=f"^{next(iter(values))}: expected"):
+        Goal(**values)
+
+
 def test_a_lucky_start_loses_its_place() -> None:
-    polish = Polish([START], "reward", 0.0, seed=1)
+    polish = Polish([START], Goal(), seed=1)
     polish.advance(Landscape())
     luck = polish.archive[0]
     luck.total, luck.squares, luck.episodes = 400.0, 160000.0, 1
@@ -112,7 +139,7 @@ def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path, objecti
         folder = PolishFolder(tmp_path / f"{stop_after}")
         folder.create()
         asked = settings(objective, stop_after)
-        polish = Polish(asked.start, asked.objective, asked.floor, asked.seed)
+        polish = Polish(asked.start, asked.goal, asked.seed)
         carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None)
         if stop_after < 5:
             _, polish, history = folder.load()
@@ -127,7 +154,7 @@ def test_settings_survive_the_file(tmp_path: Path) -> None:
     folder = PolishFolder(tmp_path / "run")
     folder.create()
     asked = settings("size", 1)
-    polish = Polish(asked.start, asked.objective, asked.floor, asked.seed)
+    polish = Polish(asked.start, asked.goal, asked.seed)
     folder.save(asked, polish_after_a_generation(polish), [])
     loaded, *_ = folder.load()
     assert asdict(loaded) == asdict(asked)
@@ -145,6 +172,8 @@ def polish_after_a_generation(polish: Polish) -> Polish:
         (("version",), 0),
         (("settings", "objective"), "speed"),
         (("settings", "floor"), "high"),
+        (("settings", "max_bytes"), 0),
+        (("settings", "risk"), -0.5),
         (("settings", "generations"), -1),
         (("settings", "start"), []),
         (("search", "archive"), []),
@@ -159,7 +188,7 @@ def test_a_damaged_file_is_one_line(tmp_path: Path, path: tuple[str | int, ...],
     folder = PolishFolder(tmp_path / "run")
     folder.create()
     asked = settings("reward", 1)
-    polish = polish_after_a_generation(Polish(asked.start, asked.objective, asked.floor, asked.seed))
+    polish = polish_after_a_generation(Polish(asked.start, asked.goal, asked.seed))
     folder.save(asked, polish, [])
     file = folder.path / "polish.json"
     data = json.loads(file.read_text())

@@ -26,7 +26,7 @@ from tests.sealed import sealed
 def test_a_number_that_cannot_be_is_one_line(tmp_path: Path, part: str, key: str, value: object) -> None:
     folder = PolishFolder(tmp_path)
     asked = settings("reward", 1)
-    polish = Polish(asked.start, asked.objective, asked.floor, asked.seed)
+    polish = Polish(asked.start, asked.goal, asked.seed)
     polish.advance(Landscape())
     folder.save(asked, polish, [])
     folder.load()
