@@ -33,7 +33,8 @@ FILES = """\
   CHAMPION         read: champion.pkl or champion.json, one or more
   RUN/             written: polish.json (the checkpoint) and
                    polish-previous.json (the one before), history.csv, front.csv,
-                   champion.pkl, champion.json"""
+                   champion.pkl, champion.json
+  RUN/front/       written with --front: BYTES.pkl for each packed size"""
 
 DEFAULT_GENERATIONS = 200
 
@@ -77,6 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results = parser.add_argument_group("results")
     results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/polish-SEED)")
     results.add_argument("--resume", metavar="RUN", type=Path, help="continue a run; its settings come from RUN")
+    results.add_argument(
+        "--front", action="store_true", help="write the controllers that no smaller one equals, too, with their scores"
+    )
     add_json(results)
 
 
@@ -133,7 +137,7 @@ def _polish(
     evaluator = None
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)
-        return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck)
+        return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck, front=args.front)
     except KeyboardInterrupt as stop:
         if polish.generation:
             stop.args = (f"stopped; continue with: bitneat polish --resume {folder.path}",)

@@ -39,6 +39,7 @@ _CHECK_EVERY = 10
 """Generations between two checks of the leader, which cost an episode in Gymnasium each."""
 
 _STATE = "polish.json"
+_FRONT = "front"
 _MAX_STATE_BYTES = 1 << 28
 
 
@@ -180,6 +181,17 @@ class PolishFolder:
         save_json(champion, self.path / "champion.json")
         save_pickle(champion, self.champion_pickle)
 
+    def save_front(self, champions: Mapping[int, Champion]) -> None:
+        """Write ``front/BYTES.pkl`` for each, and remove those of before."""
+        folder = self.path / _FRONT
+        make_folder(folder)
+        refuse_links(folder)
+        for size, champion in champions.items():
+            save_pickle(champion, folder / f"{size}.pkl")
+        for path in folder.glob("*.pkl"):
+            if path.stem not in map(str, champions):
+                path.unlink()
+
 
 def carry_on(
     folder: PolishFolder,
@@ -190,10 +202,12 @@ def carry_on(
     *,
     tell: Callable[[Row], None],
     check: Callable[[Candidate], None] | None = None,
+    front: bool = False,
 ) -> tuple[Champion, Score, bool]:
     """Take a run to its end; returns champion, its score on the report seeds, and whether all generations were run.
 
-    ``check`` is called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
+    ``front`` asks for the controllers that no smaller one equals as champions, too, each scored on the report seeds. ``check`` is
+    called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
     """
     began = time.monotonic()
     remove_leftovers(folder.path)
@@ -219,6 +233,14 @@ def carry_on(
     score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
     champion = _champion(settings, polish, entry.controller, Score(len(rewards), *_statistics(rewards)), score)
     folder.save_champion(champion)
+    if front:
+        entries = polish.front()
+        scores = [
+            Score.of(row) for row in evaluator.evaluate([e.controller for e in entries], report_seeds(REPORT_EPISODES))
+        ]
+        folder.save_front(
+            {e.size: _champion(settings, polish, e.controller, None, s) for e, s in zip(entries, scores, strict=True)}
+        )
     return champion, score, polish.generation >= settings.generations
 
 

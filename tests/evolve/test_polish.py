@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from bitneat.champion import EnvironmentSpec
+from bitneat.champion import EnvironmentSpec, load
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
@@ -148,6 +148,22 @@ def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path, objecti
             carry_on(folder, asked, polish, history, Landscape(), tell=lambda row: None)
         ends.append({path.name: path.read_bytes() for path in folder.path.iterdir()})
     assert ends[0] == ends[1]
+
+
+def test_the_front_is_written_as_champions_with_scores(tmp_path: Path) -> None:
+    folder = PolishFolder(tmp_path)
+    folder.create()
+    asked = settings("size", 7)
+    polish = Polish(asked.start, asked.goal, asked.seed)
+    (tmp_path / "front").mkdir()
+    (tmp_path / "front" / "1.pkl").write_bytes(b"of before")
+    carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None, front=True)
+    found = {int(path.stem): load(path) for path in (tmp_path / "front").iterdir()}
+    assert found.keys() == {entry.size for entry in polish.front()}
+    assert len(found) > 2
+    for size, champion in found.items():
+        assert len(pack(champion.controller)) == size
+        assert abs(champion.provenance["held_out"]["mean"] - Landscape().reward(champion.controller)) < 2.0
 
 
 def test_settings_survive_the_file(tmp_path: Path) -> None:
