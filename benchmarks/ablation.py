@@ -5,8 +5,9 @@
     python -m benchmarks.ablation --only 'all-*' --only 'no-race-*'
     python -m benchmarks.ablation --list
 
-Each run is one of `bitneat evolve` with the entries changed that `VARIANTS` has, in a process with one thread. Results are kept in
-docs/search, a file a run, and the table in docs/search.md is written anew from those that are there.
+Each run is one of `bitneat evolve` with the entries changed that `VARIANTS` has, in a process with one thread. Runs with the same
+seed share the linear start, where the variant does not change it. Results are kept in docs/search, a file a run, and the table in
+docs/search.md is written anew from those that are there.
 """
 
 from __future__ import annotations
@@ -20,11 +21,17 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from benchmarks.linear_start import linear_start
 from bitneat.errors import BitneatError
+from bitneat.evolve.config import load
+from bitneat.evolve.evaluation import NativeWalkerEvaluator
+from bitneat.evolve.run import RunSettings
 from bitneat.files import write_atomic
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
+from bitneat.reproduce.running import WALKER, configuration
 from bitneat.reproduce.schedule import State, elapsed, run_all
+from bitneat.sim.walker.trigonometry import probe_for
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "search"
@@ -33,6 +40,7 @@ START, END = "<!-- ablation -->\n", "<!-- end of ablation -->\n"
 STEPS = 50_000_000
 SEEDS = (1, 2, 3)
 SOLVED = 300.0
+_MAX_STEPS = 1600
 
 Variant = tuple[str, Mapping[str, Mapping[str, Any]]]
 
@@ -103,6 +111,7 @@ def main() -> int:
             print(f"{text} ({state.done} of {state.total}, {elapsed(began)})", flush=True)
 
     try:
+        begin([job for job in chosen if job.name not in load_all(FOLDER / "results")], FOLDER, args.workers)
         results = run_all(chosen, FOLDER, args.workers, _command, tell)
     except BitneatError as error:
         print(error, file=sys.stderr)
@@ -113,6 +122,19 @@ def main() -> int:
     page = PAGE.read_text(encoding="utf-8")
     write_atomic(PAGE, replaced(page, table(results)).encode())
     return 0
+
+
+def begin(open_jobs: Sequence[Job], folder: Path, workers: int) -> None:
+    """Let the runs that have not begun yet go on from the linear start that they share."""
+    evaluator = NativeWalkerEvaluator(WALKER, _MAX_STEPS, workers)
+    for job in open_jobs:
+        config, run = configuration(job, {}), folder / "runs" / job.name
+        if config["evolve"]["linear_generations"] == 0 or (run / "run.json").exists():
+            continue
+        preset = load("bipedalwalker")
+        start = linear_start(folder / "runs" / f"linear-start-{job.seed}.json", WALKER, preset, job.seed, evaluator)
+        if start.serves(config, job.seed):
+            start.begin(run, RunSettings(WALKER, config, job.seed, trigonometry=probe_for(WALKER)))
 
 
 def _command(job: Job) -> str:
