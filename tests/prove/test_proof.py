@@ -229,6 +229,24 @@ def test_a_binary_that_is_right_only_as_it_is_lifted_is_refused(
     assert "the emulator computes something else" in proof.reason
 
 
+def test_a_choice_that_is_right_only_as_it_is_lifted_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = champion("CartPole-v1")
+    code = written(whose, tmp_path)
+    right, wrong = "return (int32_t)index", "return (int32_t)(index | (best & 4U))"
+    assert code.source.count(right) == 1
+    code.path.write_text(code.source.replace(right, wrong))
+    operations.operation.cache_clear()
+    monkeypatch.setitem(operations._SCALAR, "Or", lambda t, x, y: x)
+    with compiled(CFile.read(code.path), "cortex-m0") as emulated:
+        subject = Subject(whose.controller, emulated, PROCESSORS["cortex-m0"], Lemmas())
+        proof = prove_function(subject, "decide")
+    operations.operation.cache_clear()
+    assert proof.verdict == "not proved"
+    assert "the emulator computes something else" in proof.reason
+
+
 def test_a_state_that_is_seldom_wrong_is_refused(tmp_path: Path) -> None:
     drawn = controller_with_state()
     whose = Champion(drawn, box_action(3), None)
