@@ -18,6 +18,9 @@ from bitneat.controller.ir import GAIN_RANGE, SHIFT_RANGE, Constant
 ACTIVATIONS = ("clamped", "hat", "step", "abs", "relu", "identity")
 """Those that cost no table; the smooth ones stay where a controller has them."""
 
+_NEW_GAINS = (-4, 2)
+"""Of a new node: where all weights are ±1, a small gain is what makes a small correction."""
+
 _ATTEMPTS = 20
 
 
@@ -47,7 +50,7 @@ def vary(controller: Controller, rng: random.Random, mean_changes: float = 1.7) 
     """A controller that differs from the given one, in canonical form.
 
     A geometrically distributed number of changes, ``mean_changes`` on average: links that come, go, flip, or read something else;
-    gains; activations; nodes that come, go, or are bypassed; outputs that read another node. Ternary controllers give
+    gains; biases; activations; nodes that come, go, or are bypassed; outputs that read another node. Ternary controllers give
     ternary ones, and what reads no delayed value never will.
     """
     for _ in range(_ATTEMPTS):
@@ -156,6 +159,15 @@ def _change_gain(draft: _Draft, rng: random.Random) -> None:
         node.gain = min(max(node.gain + rng.choice((-1, 1)), GAIN_RANGE[0]), GAIN_RANGE[1])
 
 
+def _change_bias(draft: _Draft, rng: random.Random) -> None:
+    """A link from a constant one comes, goes or flips."""
+    if (index := _some_node(draft, rng)) is not None:
+        node, one = draft.nodes[index], draft.controller.one
+        node.bias += rng.choice((-one, one))
+        if draft.controller.is_ternary:
+            node.bias = min(max(node.bias, -one), one)
+
+
 def _change_activation(draft: _Draft, rng: random.Random) -> None:
     if (index := _some_node(draft, rng)) is not None:
         draft.nodes[index].activation = rng.choice(ACTIVATIONS)
@@ -195,7 +207,7 @@ def _add_node(draft: _Draft, rng: random.Random) -> None:
     if (index := _some_node(draft, rng)) is None:
         return
     links = {(_some_source(draft, index, rng), 0, 0): rng.choice((-1, 1)) for _ in range(rng.randint(1, 3))}
-    signal = _insert(draft, index, _DraftNode(links, 0, rng.randint(-1, 2), rng.choice(ACTIVATIONS)))
+    signal = _insert(draft, index, _DraftNode(links, 0, rng.randint(*_NEW_GAINS), rng.choice(ACTIVATIONS)))
     draft.nodes[rng.randrange(index + 1, len(draft.nodes))].links[signal, 0, 0] = rng.choice((-1, 1))
 
 
@@ -254,6 +266,7 @@ _TABLE: dict[_Change, float] = {
     _move_link: 1.5,
     _shift_link: 2,
     _change_gain: 4,
+    _change_bias: 1,
     _change_activation: 1.5,
     _add_node: 1,
     _share_links: 0.7,

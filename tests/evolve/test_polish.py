@@ -96,12 +96,12 @@ def test_size_shrinks_and_keeps_the_floor() -> None:
 
 
 def test_no_more_bytes_than_wanted() -> None:
-    freely, limited = Polish([START], Goal(), seed=1), Polish([START], Goal(max_bytes=8), seed=1)
-    for _ in range(12):
-        freely.advance(Landscape())
+    limited = Polish([START], Goal(max_bytes=8), seed=2)
+    for _ in range(20):
         row = limited.advance(Landscape())
     best = limited.ranking()[0]
-    assert best.size == row.best_bytes <= 8 < len(pack(START)) < freely.ranking()[0].size
+    assert best.size == row.best_bytes <= 8 < len(pack(START))
+    assert any(entry.size > 8 for entry in limited.archive), "larger ones may have children that are small enough"
     assert Landscape().reward(best.controller) > Landscape().reward(START)
 
 
@@ -160,7 +160,7 @@ def test_the_front_is_written_as_champions_with_scores(tmp_path: Path) -> None:
     carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None, front=True)
     found = {int(path.stem): load(path) for path in (tmp_path / "front").iterdir()}
     assert found.keys() == {entry.size for entry in polish.front()}
-    assert len(found) > 2
+    assert len(found) > 1
     for size, champion in found.items():
         assert len(pack(champion.controller)) == size
         assert abs(champion.provenance["held_out"]["mean"] - Landscape().reward(champion.controller)) < 2.0

@@ -54,6 +54,14 @@ def test_one_change_is_small_and_each_kind_of_change_occurs() -> None:
     assert len({vary(TERNARY, rng, 1.0).sha256 for _ in range(400)}) > 80
 
 
+def test_biases_change_and_new_nodes_can_be_small_corrections() -> None:
+    rng = random.Random(4)
+    varied = [vary(TERNARY, rng, 1.0) for _ in range(2000)]
+    assert {node.bias for v in varied for node in v.nodes} == {-256, 0, 256}
+    grown = [v for v in varied if len(v.nodes) > len(TERNARY.nodes)]
+    assert min(node.gain for v in grown for node in v.nodes) == -4
+
+
 def test_the_same_generator_gives_the_same_variations() -> None:
     first, second = random.Random(3), random.Random(3)
     assert [vary(TERNARY, first) for _ in range(50)] == [vary(TERNARY, second) for _ in range(50)]
