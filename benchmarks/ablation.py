@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.linear_start import linear_start
+from benchmarks.pages import replaced
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import load
 from bitneat.evolve.evaluation import NativeWalkerEvaluator
@@ -36,7 +37,6 @@ from bitneat.sim.walker.trigonometry import probe_for
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "search"
 PAGE = ROOT / "docs" / "search.md"
-START, END = "<!-- ablation -->\n", "<!-- end of ablation -->\n"
 STEPS = 50_000_000
 SEEDS = (1, 2, 3)
 SOLVED = 300.0
@@ -120,7 +120,7 @@ def main() -> int:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
     page = PAGE.read_text(encoding="utf-8")
-    write_atomic(PAGE, replaced(page, table(results)).encode())
+    write_atomic(PAGE, replaced(page, "ablation", table(results)).encode())
     return 0
 
 
@@ -139,13 +139,6 @@ def begin(open_jobs: Sequence[Job], folder: Path, workers: int) -> None:
 
 def _command(job: Job) -> str:
     return f"python -m benchmarks.ablation --only {job.name}"
-
-
-def replaced(page: str, text: str) -> str:
-    """The page with another table between its two marks."""
-    before, rest = page.split(START)
-    _, after = rest.split(END)
-    return f"{before}{START}{text}{END}{after}"
 
 
 def table(results: Mapping[str, Result]) -> str:

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from benchmarks.ablation import END, PAGE, SEEDS, START, STEPS, VARIANTS, jobs, replaced, steps_to, table
+from benchmarks.ablation import SEEDS, STEPS, VARIANTS, jobs, steps_to, table
 from bitneat.evolve.config import load
 from bitneat.reproduce.results import Result
 from bitneat.reproduce.running import configuration
@@ -54,11 +52,3 @@ def test_the_table_orders_variants_by_their_median_and_compares_with_the_preset(
 def test_steps_are_counted_up_to_the_generation_that_reaches_the_score() -> None:
     assert steps_to({"steps": [5.0, 7.0, 9.0], "selection": [1.0, 300.0, 400.0]}, 300.0) == 12.0
     assert steps_to({"steps": [5.0], "selection": [1.0]}, 300.0) is None
-
-
-def test_the_page_has_a_place_for_the_table() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    assert START in replaced(page, "new\n")
-    assert f"{START}new\n{END}" in replaced(page, "new\n")
-    with pytest.raises(ValueError, match="unpack"):
-        replaced("no marks\n", "")
