@@ -75,7 +75,7 @@ def solve(seed: int, threads: int, limit: float) -> dict[str, Any]:
 def table(runs: Sequence[Mapping[str, Any]], threads: int) -> str:
     """A row for each run, and the median of the times; a run that was not solved took the longest."""
     lines = [
-        "| seed of the search | minutes to 300 | steps | generations | mean on 100 unseen episodes | on 1,000 more | packed bytes |",
+        "| seed of the search | minutes to 300 | steps | generations | mean of 100 unseen episodes | of 1,000 more | bytes |",
         "|---|---|---|---|---|---|---|",
     ]
     for run in runs:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from benchmarks import ablation, solve
@@ -17,8 +19,8 @@ def test_only_what_is_between_the_marks_changes() -> None:
 
 
 @pytest.mark.parametrize(("page", "mark"), [(ablation.PAGE, "ablation"), (solve.PAGE, "solve")])
-def test_the_pages_have_a_place_for_the_tables(page: object, mark: str) -> None:
-    text = ablation.PAGE.read_text(encoding="utf-8")
+def test_the_pages_have_a_place_for_the_tables(page: Path, mark: str) -> None:
+    text = page.read_text(encoding="utf-8")
     assert f"<!-- {mark} -->\nnew\n<!-- end of {mark} -->\n" in replaced(text, mark, "new\n")
 
 
