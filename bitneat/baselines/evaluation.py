@@ -19,6 +19,7 @@ import numpy.typing as npt
 from bitneat.network import ACTIVATIONS, FloatNetwork, FloatNode, decode
 from bitneat.sim.walker.episodes import ACTION
 from bitneat.sim.walker.rollout import Policy, run_policy
+from bitneat.sim.walker.vector import step_limit
 
 SOLVED = 300.0
 """An episode's reward from which on it counts as solved."""
@@ -124,11 +125,13 @@ def _alike(network: FloatNetwork) -> list[list[tuple[int, FloatNode]]]:
     return blocks
 
 
-def score(policy: Policy, seeds: Sequence[int], threads: int | None = None) -> tuple[HeldOut, int]:
+def score(
+    policy: Policy, seeds: Sequence[int], threads: int | None = None, *, hardcore: bool = False
+) -> tuple[HeldOut, int]:
     """Walk an episode on every seed: the score, and the steps taken.
 
     Raises:
         BitneatError: as of `run_policy`.
     """
-    rewards, steps = run_policy(policy, seeds, threads=threads)
+    rewards, steps = run_policy(policy, seeds, step_limit(hardcore), hardcore=hardcore, threads=threads)
     return HeldOut.of([float(reward) for reward in rewards]), math.floor(steps.sum())

@@ -27,17 +27,17 @@ from bitneat.baselines.stable import (
 )
 
 
-def start(settings: PpoSettings, steps: int, seed: int) -> Method:
+def start(settings: PpoSettings, steps: int, seed: int, hardcore: bool = False) -> Method:
     """A training of ``steps`` steps at its beginning. In one that is restored episodes begin anew; all else goes on."""
-    return _Ppo(settings, steps, seed)
+    return _Ppo(settings, steps, seed, hardcore)
 
 
 class _Ppo:
-    def __init__(self, settings: PpoSettings, steps: int, seed: int) -> None:
+    def __init__(self, settings: PpoSettings, steps: int, seed: int, hardcore: bool) -> None:
         from stable_baselines3 import PPO
         from torch import nn
 
-        self._env = normalized(settings.n_envs, gamma=settings.gamma, clip_obs=settings.clip_observation)
+        self._env = normalized(settings.n_envs, hardcore, gamma=settings.gamma, clip_obs=settings.clip_observation)
         self._chunk = _rollout(settings, steps) * settings.n_envs
         hidden = list(settings.hidden)
         self.model = PPO(
@@ -51,7 +51,11 @@ class _Ppo:
             gae_lambda=settings.gae_lambda,
             clip_range=settings.clip_range,
             ent_coef=settings.ent_coef,
-            policy_kwargs={"net_arch": {"pi": hidden, "vf": hidden}, "activation_fn": nn.Tanh},
+            policy_kwargs={
+                "net_arch": {"pi": hidden, "vf": hidden},
+                "activation_fn": nn.Tanh,
+                "log_std_init": settings.log_std_init,
+            },
             seed=seed,
             device="cpu",
         )

@@ -17,13 +17,13 @@ _WINDOW = 100
 """Episodes whose mean is shown."""
 
 
-def normalized(num_envs: int, **options: Any) -> Any:
+def normalized(num_envs: int, hardcore: bool = False, **options: Any) -> Any:
     """Walkers in the library's wrapper that normalises observations and rewards, with its ``options``."""
     from stable_baselines3.common.vec_env import VecNormalize
 
     from bitneat.baselines.vecenv import WalkerVecEnv
 
-    return VecNormalize(WalkerVecEnv(num_envs), **options)
+    return VecNormalize(WalkerVecEnv(num_envs, hardcore=hardcore), **options)
 
 
 def silence(model: Any) -> None:

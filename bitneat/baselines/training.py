@@ -21,7 +21,7 @@ from bitneat.baselines.dense import dense_from_npz
 from bitneat.baselines.evaluation import HeldOut, network_policy, score
 from bitneat.baselines.method import Method
 from bitneat.baselines.result import BaselineResult
-from bitneat.baselines.settings import METHODS, ArsSettings, PpoSettings, Settings
+from bitneat.baselines.settings import HARDCORE_PPO, METHODS, ArsSettings, PpoSettings, Settings
 from bitneat.errors import BitneatError, MissingExtraError
 from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
 from bitneat.version import __version__
@@ -31,6 +31,9 @@ RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "po
 
 MAX_SEED = 2**29
 """Training seeds are episode seeds too, and must stay below those that policies are scored on."""
+
+WALKERS = ("BipedalWalker-v3", "BipedalWalkerHardcore-v3")
+"""What policies are trained for, and what for with ``hardcore``."""
 
 _FORMAT, _VERSION = "bitneat-baseline", 1
 _LIBRARIES = ("torch", "stable-baselines3", "sb3-contrib", "gymnasium", "numpy")
@@ -62,6 +65,7 @@ def train(
     *,
     settings: Settings | None = None,
     report_episodes: int = 100,
+    hardcore: bool = False,
 ) -> BaselineResult:
     """Train a policy for BipedalWalker-v3 with a library, and score it on the report seeds.
 
@@ -75,20 +79,24 @@ def train(
         progress: told after every update.
         settings: of the method; `METHODS` has the defaults.
         report_episodes: to score the policy by.
+        hardcore: train for BipedalWalkerHardcore-v3, which only ``ppo`` does.
 
     Raises:
         BitneatError: if an argument is out of range, the libraries are missing, or the folder holds something else.
     """
     if method not in METHODS:
         raise BitneatError(f"baseline: expected one of {', '.join(METHODS)}, got {method!r}")
-    settings = METHODS[method]() if settings is None else settings
+    if hardcore and method != "ppo":
+        raise BitneatError(f"baseline: hardcore is for ppo, not for {method}")
+    if settings is None:
+        settings = HARDCORE_PPO if hardcore else METHODS[method]()
     if not isinstance(settings, METHODS[method]):
         raise BitneatError(f"settings: expected {METHODS[method].__name__}, got {type(settings).__name__}")
     for name, value, least, most in (("steps", steps, 1, 10**12), ("seed", seed, 0, MAX_SEED)):
         if type(value) is not int or not least <= value <= most:
             raise BitneatError(f"{name}: expected a whole number in {least}..{most}, got {value!r}")
     folder = Path(folder)
-    run = _run_data(method, steps, seed, settings, report_episodes)
+    run = _run_data(method, steps, seed, settings, report_episodes, hardcore=hardcore)
     begun = _is_begun(folder, run)
     if begun and (folder / RESULT).exists():
         return load_result(folder)
@@ -143,7 +151,8 @@ def _train(
     from bitneat.evolve.randomness import report_seeds
 
     name, total = run["method"], run["steps"]
-    method = _start(settings, total, run["seed"])
+    hardcore = run.get("hardcore", False)
+    method = _start(settings, total, run["seed"], hardcore=hardcore)
     try:
         rows = _restore(folder / CHECKPOINT, method)
         every = max(total // _CHECKPOINTS, 1)
@@ -160,8 +169,8 @@ def _train(
         seeds = report_seeds(run["report_episodes"])
         network = dense.to_network()
         table = action_table() if name == "dqn" else None
-        heldout, _ = score(network_policy(network, table), seeds, threads=1)
-        library, _ = score(method.act, seeds, threads=1)
+        heldout, _ = score(network_policy(network, table), seeds, threads=1, hardcore=hardcore)
+        library, _ = score(method.act, seeds, threads=1, hardcore=hardcore)
         files = method.files()
         result = BaselineResult(
             name,
@@ -179,12 +188,12 @@ def _train(
         method.close()
     for file, content in files.items():
         write_atomic(folder / file, content)
-    _write_result(folder, result, rows)
+    _write_result(folder, result, rows, WALKERS[hardcore])
     (folder / CHECKPOINT).unlink(missing_ok=True)
     return result
 
 
-def _start(settings: Settings, steps: int, seed: int) -> Method:
+def _start(settings: Settings, steps: int, seed: int, *, hardcore: bool) -> Method:
     if isinstance(settings, ArsSettings):
         from bitneat.baselines import ars
 
@@ -192,31 +201,33 @@ def _start(settings: Settings, steps: int, seed: int) -> Method:
     if isinstance(settings, PpoSettings):
         from bitneat.baselines import ppo
 
-        return ppo.start(settings, steps, seed)
+        return ppo.start(settings, steps, seed, hardcore)
     from bitneat.baselines import dqn
 
     return dqn.start(settings, steps, seed)
 
 
-def _write_result(folder: Path, result: BaselineResult, rows: list[Any]) -> None:
+def _write_result(folder: Path, result: BaselineResult, rows: list[Any], environment: str) -> None:
     write_atomic(folder / POLICY, result.dense.to_npz())
     lines = ["steps,episodes,recent_mean", *(f"{s},{e},{'' if r is None else f'{r:.3f}'}" for s, e, r in rows)]
     write_atomic(folder / HISTORY, ("\n".join(lines) + "\n").encode())
     if result.actions is None:
-        _write_champion(folder, result)
+        _write_champion(folder, result, environment)
     # Last, since it says that all is there.
     write_json(folder / RESULT, result.to_data())
 
 
-def _write_champion(folder: Path, result: BaselineResult) -> None:
+def _write_champion(folder: Path, result: BaselineResult, environment: str) -> None:
     from bitneat.champion import EnvironmentSpec, FloatChampion, save_pickle
     from bitneat.sim.walker.episodes import ACTION
 
-    champion = FloatChampion(result.policy, ACTION, EnvironmentSpec("BipedalWalker-v3"), {"baseline": result.to_data()})
+    champion = FloatChampion(result.policy, ACTION, EnvironmentSpec(environment), {"baseline": result.to_data()})
     save_pickle(champion, folder / "champion.pkl")
 
 
-def _run_data(method: str, steps: int, seed: int, settings: Settings, report_episodes: int) -> dict[str, Any]:
+def _run_data(
+    method: str, steps: int, seed: int, settings: Settings, report_episodes: int, *, hardcore: bool
+) -> dict[str, Any]:
     data = {
         "format": _FORMAT,
         "version": _VERSION,
@@ -225,6 +236,7 @@ def _run_data(method: str, steps: int, seed: int, settings: Settings, report_epi
         "seed": seed,
         "report_episodes": report_episodes,
         "settings": asdict(settings),
+        **({"hardcore": True} if hardcore else {}),
     }
     plain: dict[str, Any] = json.loads(json.dumps(data))
     return plain

@@ -12,11 +12,14 @@ from gymnasium.spaces import Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from bitneat.sim.walker.vector import STEP_LIMIT, WalkerVectorEnv
+from bitneat.sim.walker.vector import WalkerVectorEnv, step_limit
+
+_MANY = 64
+"""Walkers from which on more than one thread is worth its while."""
 
 
 class WalkerVecEnv(VecEnv):
-    """BipedalWalker-v3, ``num_envs`` times, in one thread.
+    """BipedalWalker-v3, ``num_envs`` times; few of them in one thread, many in as many as there are cores.
 
     An episode's end is as in the library's own: the observation is the next episode's first, the last one is the info's
     ``terminal_observation``, ``TimeLimit.truncated`` tells an end by the time limit alone,
@@ -25,14 +28,24 @@ class WalkerVecEnv(VecEnv):
     Args:
         num_envs: how many.
         table: if given, (actions, 4), an action is the index of a row.
-        max_episode_steps: the time limit.
+        max_episode_steps: the time limit; if not given, the environment's own.
+        hardcore: BipedalWalkerHardcore-v3.
     """
 
     def __init__(
-        self, num_envs: int, table: npt.NDArray[np.float32] | None = None, max_episode_steps: int = STEP_LIMIT
+        self,
+        num_envs: int,
+        table: npt.NDArray[np.float32] | None = None,
+        max_episode_steps: int | None = None,
+        hardcore: bool = False,
     ) -> None:
-        mode = AutoresetMode.SAME_STEP
-        self._envs = WalkerVectorEnv(num_envs, max_episode_steps=max_episode_steps, autoreset_mode=mode, threads=1)
+        self._envs = WalkerVectorEnv(
+            num_envs,
+            hardcore,
+            max_episode_steps=max_episode_steps or step_limit(hardcore),
+            autoreset_mode=AutoresetMode.SAME_STEP,
+            threads=None if num_envs >= _MANY else 1,
+        )
         self._table = table
         self._actions: npt.NDArray[Any] = np.zeros((num_envs, 4), np.float32)
         self._rewards = np.zeros(num_envs, np.float64)

@@ -23,7 +23,8 @@ champions are scored, and writes it as a float network. docs/baselines.md has
 settings and results."""
 EXAMPLE = """\
   bitneat baseline ars -o runs/ars             the same command again goes on, if it was stopped
-  bitneat baseline ppo --steps 100000 --seed 1 --json ppo.json"""
+  bitneat baseline ppo --steps 100000 --seed 1 --json ppo.json
+  bitneat baseline ppo --hardcore -o teacher   for BipedalWalkerHardcore-v3; an hour"""
 FILES = """\
   RUN/             written: baseline.json, checkpoint.pt, history.csv, policy.npz,
                    champion.pkl (not for dqn), model.zip, result.json"""
@@ -31,30 +32,42 @@ FILES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``baseline``."""
-    from bitneat.baselines.settings import DEFAULT_STEPS, METHODS
+    from bitneat.baselines.settings import DEFAULT_STEPS, HARDCORE_STEPS, METHODS
 
     defaults = ", ".join(f"{name} {steps}" for name, steps in DEFAULT_STEPS.items())
     parser.add_argument("method", choices=list(METHODS), help="the method")
+    parser.add_argument(
+        "--hardcore",
+        action="store_true",
+        help=f"train for BipedalWalkerHardcore-v3, by ppo (default budget {HARDCORE_STEPS})",
+    )
     parser.add_argument(
         "--steps", metavar="N", type=whole_number(1), help=f"budget in steps of the environment (default {defaults})"
     )
     parser.add_argument(
         "--seed", metavar="S", type=whole_number(0), default=0, help="seed of all randomness (default 0)"
     )
-    parser.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/METHOD-SEED)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="RUN",
+        type=Path,
+        help="run folder (default runs/METHOD-SEED or runs/hardcore-METHOD-SEED)",
+    )
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Train or go on training, and say what came of it."""
     from bitneat.baselines import train
-    from bitneat.baselines.settings import DEFAULT_STEPS
+    from bitneat.baselines.settings import DEFAULT_STEPS, HARDCORE_STEPS
 
-    steps = args.steps or DEFAULT_STEPS[args.method]
-    folder: Path = args.output or Path("runs") / f"{args.method}-{args.seed}"
+    steps = args.steps or (HARDCORE_STEPS if args.hardcore else DEFAULT_STEPS[args.method])
+    kind = f"hardcore-{args.method}" if args.hardcore else args.method
+    folder: Path = args.output or Path("runs") / f"{kind}-{args.seed}"
     try:
         with _shown(sys.stderr) as show:
-            result = train(args.method, steps, args.seed, folder, show)
+            result = train(args.method, steps, args.seed, folder, show, hardcore=args.hardcore)
     except KeyboardInterrupt as stop:
         stop.args = ("stopped; the same command goes on from the last checkpoint",)
         raise

@@ -26,11 +26,11 @@ from bitneat.reproduce.experiments import BETAS, SURVIVAL_THRESHOLDS, Job
 from bitneat.reproduce.results import Result, policy_from_data, policy_to_data
 from bitneat.sim.environment import inspect
 from bitneat.sim.walker.trigonometry import probe_for, refuse_other
+from bitneat.sim.walker.vector import STEP_LIMIT, step_limit
 from bitneat.state import seal, unseal
 
 WALKER = EnvironmentSpec("BipedalWalker-v3")
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
-_STEPS, _HARDCORE_STEPS = 1600, 2000
 REPORT_EPISODES = 100
 """That score a champion, if the budget does not say otherwise."""
 _FLOAT_BYTES = 4
@@ -130,8 +130,8 @@ def _evolved(job: Job, folder: Path, results: Mapping[str, Result], command: str
         settings = RunSettings(WALKER, config, job.seed, trigonometry=probe_for(WALKER))
         runs.create(settings)
     info = inspect(WALKER)
-    evaluator = NativeWalkerEvaluator(WALKER, _STEPS, 1)
-    check = Recheck(WALKER, info.action, _STEPS)
+    evaluator = NativeWalkerEvaluator(WALKER, STEP_LIMIT, 1)
+    check = Recheck(WALKER, info.action, STEP_LIMIT)
     outcome = carry_on(runs, settings, info, evaluator, _Growth(folder), check=check)
     rows = _rows(folder / "history.csv")
     policy = outcome.candidate.controller
@@ -168,11 +168,13 @@ def _quantized(job: Job, results: Mapping[str, Result], command: str) -> Result:
     network = policy_from_data(source.policy)
     assert isinstance(network, FloatNetwork)
     info = inspect(WALKER)
-    evaluator = NativeWalkerEvaluator(WALKER, _STEPS, 1)
+    evaluator = NativeWalkerEvaluator(WALKER, STEP_LIMIT, 1)
     request = Request(job.target, job.method, 8, job.overrides["quantize"]["generations"], job.seed)
-    outcome = quantize(FloatChampion(network, info.action, WALKER, {}), request, Arena(WALKER, info, _STEPS, evaluator))
+    outcome = quantize(
+        FloatChampion(network, info.action, WALKER, {}), request, Arena(WALKER, info, STEP_LIMIT, evaluator)
+    )
     controller = outcome.champion.controller
-    Recheck(WALKER, info.action, _STEPS)(_candidate(controller, evaluator))
+    Recheck(WALKER, info.action, STEP_LIMIT)(_candidate(controller, evaluator))
     seeds = report_seeds(_report_episodes(job))
     score = Score.of(evaluator.evaluate([controller], seeds)[0])
     return _result(
@@ -202,7 +204,7 @@ def _baseline(job: Job, folder: Path, command: str) -> Result:
         command=command,
         config={"settings": dict(trained.settings), "versions": dict(trained.versions)},
         heldout=trained.heldout.to_data(),
-        hardcore=_score_on(trained.policy, HARDCORE, _HARDCORE_STEPS, job).to_data() if walks else None,
+        hardcore=_score_on(trained.policy, HARDCORE, step_limit(hardcore=True), job).to_data() if walks else None,
         episodes=trained.episodes,
         steps=trained.steps,
         generations=0,
@@ -229,7 +231,7 @@ def _result(job: Job, command: str, policy: Policy, score: Score, **entries: Any
         seed=job.seed,
         command=command,
         heldout=score.to_data(),
-        hardcore=_score_on(policy, HARDCORE, _HARDCORE_STEPS, job).to_data(),
+        hardcore=_score_on(policy, HARDCORE, step_limit(hardcore=True), job).to_data(),
         nodes=len(policy.nodes),
         links=policy.num_links,
         packed_bytes=packed,

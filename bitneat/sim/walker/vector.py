@@ -36,7 +36,8 @@ Indices = npt.NDArray[np.int32]
 
 NUM_OBSERVATIONS, NUM_ACTIONS = 24, 4
 STEP_LIMIT = 1600
-"""BipedalWalker-v3's."""
+HARDCORE_STEP_LIMIT = 2000
+"""BipedalWalker-v3's, and BipedalWalkerHardcore-v3's."""
 ALIGNMENT = 64
 """Of the environments' memory, in bytes: a cache line."""
 
@@ -45,6 +46,11 @@ _LEG = [math.pi, 5.0, math.pi, 5.0, 5.0]
 _LEG_LOW = [-math.pi, -5.0, -math.pi, -5.0, -0.0]
 _HIGH = [math.pi, 5.0, 5.0, 5.0, *_LEG, *_LEG, *[1.0] * 10]
 _LOW = [-math.pi, -5.0, -5.0, -5.0, *_LEG_LOW, *_LEG_LOW, *[-1.0] * 10]
+
+
+def step_limit(hardcore: bool) -> int:
+    """The time limit of an episode, in steps, as Gymnasium has registered it."""
+    return HARDCORE_STEP_LIMIT if hardcore else STEP_LIMIT
 
 
 class WalkerVectorEnv(VectorEnv[Floats, Floats, npt.NDArray[Any]]):
