@@ -45,7 +45,7 @@ test-long: $(READY)
 
 test-baselines: $(READY)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,baselines]'
-	@$(BIN)/python -m pytest -n auto tests/baselines tests/cli/test_baseline.py
+	@$(BIN)/python -m pytest -n auto tests/baselines tests/distill tests/cli/test_baseline.py tests/cli/test_distill.py
 
 # The core is what decides the meaning of a controller and judges the code: all of it is executed, every branch both ways.
 CORE := bitneat/controller/*,bitneat/codegen/*,bitneat/verify/*

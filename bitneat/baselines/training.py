@@ -255,7 +255,9 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
         return False
     try:
         found = json.loads(read_capped(path, 1 << 20))
-        differing = [key for key in run if found[key] != run[key]]
+        # Trainings for the even ground do not name it.
+        ours, theirs = {"hardcore": False, **run}, {"hardcore": False, **found}
+        differing = [key for key in ours if theirs[key] != ours[key]]
     except BitneatError:
         raise
     except Exception as error:  # the file may be anyone's
@@ -263,7 +265,7 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
     if differing:
         key = differing[0]
         raise BitneatError(
-            f"{folder}: holds another training, whose {key} is {found[key]!r:.60}, not {run[key]!r:.60}; give another folder"
+            f"{folder}: holds another training, whose {key} is {theirs[key]!r:.60}, not {ours[key]!r:.60}; give another folder"
         )
     return True
 
@@ -292,6 +294,7 @@ def _restore(path: Path, method: Method) -> list[Any]:
             bad = archive.testzip()
         if bad is not None:
             raise BitneatError(f"{path}: damaged: {bad!r:.80} has another checksum; remove it to begin anew")
+        content.seek(0)
         # Nothing in the file is run: it holds tensors and plain data alone.
         data = torch.load(content, weights_only=True)
         method.restore(data["state"])

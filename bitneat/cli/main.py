@@ -53,6 +53,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "bitneat.cli.quantize",
         "make a float champion an integer or ternary one, an integer champion ternary",
     ),
+    "distill": (
+        "bitneat.cli.distill",
+        "train a ternary controller to imitate a float champion of the walker (needs bitneat[baselines])",
+    ),
     "baseline": (
         "bitneat.cli.baseline",
         "train a baseline for BipedalWalker-v3 by ARS, PPO or DQN (needs bitneat[baselines])",
@@ -90,7 +94,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
 """Name of a sub-command: its module, and its one line of help."""
 
 GROUPS: dict[str, tuple[str, ...]] = {
-    "make a controller": ("evolve", "linear", "polish", "import", "quantize", "baseline"),
+    "make a controller": ("evolve", "linear", "polish", "import", "quantize", "distill", "baseline"),
     "deploy it": ("codegen",),
     "check it": ("verify", "prove", "doctor"),
     "look at it": ("report", "size", "plot", "render"),

@@ -17,10 +17,12 @@ import numpy.typing as npt
 import pytest
 
 from bitneat.baselines import BaselineResult, TrainingProgress, load_result, train
+from bitneat.baselines.evaluation import network_policy, score
 from bitneat.baselines.settings import ArsSettings, DqnSettings, PpoSettings, Settings
 from bitneat.baselines.training import CHECKPOINT, POLICY, RESULT, RUN
 from bitneat.champion import FloatChampion, load_any
 from bitneat.errors import BitneatError
+from bitneat.evolve.randomness import report_seeds
 from bitneat.network import decode
 from bitneat.sim.walker.episodes import ACTION
 
@@ -320,3 +322,18 @@ def test_a_discrete_action_is_a_row_of_the_table(libraries: None) -> None:
         env.reset()
     for chosen in np.random.default_rng(3).integers(81, size=(20, 3)):
         np.testing.assert_array_equal(discrete.step(chosen)[0], continuous.step(table[chosen])[0])
+
+
+def test_the_hardcore_walker_is_trained_for_and_scored_on_its_own_ground(libraries: None, tmp_path: Path) -> None:
+    settings = replace(TINY["ppo"], n_envs=64, batch_size=64)
+    easy = train("ppo", 600, 0, tmp_path / "easy", settings=settings, report_episodes=3)
+    hard = train("ppo", 600, 0, tmp_path / "hard", settings=settings, report_episodes=3, hardcore=True)
+    assert json.loads((tmp_path / "hard" / RUN).read_text())["hardcore"] is True
+    champion = load_any(tmp_path / "hard" / "champion.pkl")
+    assert champion.environment is not None
+    assert champion.environment.id == "BipedalWalkerHardcore-v3"
+    assert isinstance(champion, FloatChampion)
+    again, _ = score(network_policy(champion.network), report_seeds(3), hardcore=True)
+    assert again == hard.heldout != easy.heldout
+    with pytest.raises(BitneatError, match="holds another training"):
+        train("ppo", 600, 0, tmp_path / "easy", settings=settings, report_episodes=3, hardcore=True)

@@ -28,6 +28,7 @@ def test_a_missing_library_is_one_line_and_exit_status_2(
         (["a2c"], "invalid choice: 'a2c'"),
         ([], "required: method"),
         (["ars", "--steps", "0"], "--steps: '0' is not a whole number of 1 or more"),
+        (["ars", "--hardcore"], "baseline: hardcore is for ppo, not for ars"),
         (["ars", "--seed", "600000000"], "seed: expected a whole number in 0..536870912"),
     ],
 )

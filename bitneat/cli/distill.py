@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: MIT
+"""``bitneat distill``: a ternary controller that imitates a float champion."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.outcome import controller_data, print_champion
+from bitneat.errors import BitneatError, MissingExtraError
+
+if TYPE_CHECKING:
+    from bitneat.distill.imitation import RoundRow
+
+HELP = "train a ternary controller to imitate a float champion of the walker (needs bitneat[baselines])"
+DESCRIPTION = """\
+Trains a small layered network to do what a float champion does, where the small
+one itself goes (DAgger). It computes with integer weights and power-of-two gains
+from early on, so that the controller is what was trained. The same command
+again goes on, if it was stopped. docs/distill.md explains it."""
+EXAMPLE = """\
+  bitneat baseline ppo --hardcore -o teacher
+  bitneat distill teacher/champion.pkl -o student
+  bitneat distill teacher/champion.pkl --hidden 48 --planes 1 -o smaller"""
+FILES = """\
+  TEACHER          read: the champion.pkl or champion.json of a float network
+  RUN/             written: distill.json, checkpoint.pt, champion.pkl,
+                   champion.json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``distill``."""
+    parser.add_argument("teacher", metavar="TEACHER", type=Path, help="a float champion for the walker")
+    student = parser.add_argument_group("student")
+    student.add_argument(
+        "--hidden",
+        metavar="N",
+        type=whole_number(1, 1024),
+        nargs="+",
+        default=[32, 16],
+        help="nodes of each hidden layer (default 32 16)",
+    )
+    student.add_argument(
+        "--planes",
+        type=int,
+        choices=(1, 2, 3),
+        default=2,
+        help="weights of up to 1, 3 or 7 times a power of two, as sums of links of weight 1 (default 2)",
+    )
+    training = parser.add_argument_group("training")
+    training.add_argument(
+        "--rounds",
+        metavar="N",
+        type=whole_number(3, 1000),
+        default=16,
+        help="rounds of walking and learning (default 16)",
+    )
+    training.add_argument(
+        "--updates",
+        metavar="N",
+        type=whole_number(1),
+        default=2000,
+        help="steps of the optimizer in each (default 2000)",
+    )
+    training.add_argument(
+        "--seed", metavar="S", type=whole_number(0), default=0, help="seed of all randomness (default 0)"
+    )
+    results = parser.add_argument_group("results")
+    results.add_argument("-o", "--output", metavar="RUN", type=Path, help="run folder (default runs/distill-SEED)")
+    add_json(results)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train or go on training, and say what came of it."""
+    from bitneat.champion import FloatChampion, load_any
+
+    teacher = load_any(args.teacher)
+    if not isinstance(teacher, FloatChampion):
+        raise BitneatError(f"{args.teacher}: is a controller already; expected a float champion")
+    try:
+        from bitneat.distill.imitation import DistillSettings, distill
+    except ImportError as error:
+        raise MissingExtraError(
+            f"distill: {error.name or 'a library'} is not installed; pip install bitneat[baselines]"
+        ) from None
+    settings = DistillSettings(tuple(args.hidden), args.planes, args.rounds, updates=args.updates)
+    folder: Path = args.output or Path("runs") / f"distill-{args.seed}"
+    try:
+        champion, score = distill(teacher, settings, args.seed, folder, _tell)
+    except KeyboardInterrupt as stop:
+        stop.args = ("stopped; the same command goes on from the last checkpoint",)
+        raise
+    summary = {
+        "run": str(folder),
+        "champion": str(folder / "champion.pkl"),
+        "controller": controller_data(champion.controller),
+        "held_out": score.to_data(),
+    }
+    print_champion(summary)
+    if args.json is not None:
+        from bitneat.files import write_json
+
+        write_json(args.json, summary)
+    return 0
+
+
+def _tell(row: RoundRow) -> None:
+    result = "" if row.mean is None else f" reward {row.mean:.1f} in {row.packed_bytes} bytes"
+    print(f"round {row.number} loss {row.loss:.4f}{result}", file=sys.stderr, flush=True)

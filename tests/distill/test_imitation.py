@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""Imitation of a linear policy, over a few rounds.
+
+Runs where bitneat[baselines] is installed: ``make test-baselines``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bitneat.champion import EnvironmentSpec, FloatChampion, load
+from bitneat.controller.packing import pack
+from bitneat.errors import BitneatError
+from bitneat.network import FloatNetwork, FloatNode
+from bitneat.sim.walker.episodes import ACTION
+
+pytest.importorskip("torch", reason="needs bitneat[baselines]")
+
+from bitneat.distill.imitation import CHECKPOINT, DistillSettings, RoundRow, distill
+
+SMALL = DistillSettings(hidden=(6,), rounds=4, float_rounds=1, walkers=3, updates=40, batch=64)
+
+
+def teacher(environment: str = "BipedalWalkerHardcore-v3", seed: int = 0) -> FloatChampion:
+    """A linear policy that falls soon."""
+    rng = np.random.default_rng(seed)
+    nodes = tuple(
+        FloatNode(tuple((i, float(w)) for i, w in enumerate(rng.normal(0.0, 0.5, 24))), 0.1, 1.0, "clamped")
+        for _ in range(4)
+    )
+    return FloatChampion(FloatNetwork(24, nodes, (24, 25, 26, 27)), ACTION, EnvironmentSpec(environment), {})
+
+
+def run(folder: Path, rounds: int = 4, seed: int = 1) -> list[RoundRow]:
+    rows: list[RoundRow] = []
+    distill(teacher(), replace(SMALL, rounds=rounds), seed, folder, rows.append)
+    return rows
+
+
+def test_the_student_comes_nearer_to_its_teacher(tmp_path: Path) -> None:
+    rows: list[RoundRow] = []
+    settings = DistillSettings(hidden=(12,), rounds=4, float_rounds=2, walkers=8, updates=400, batch=256)
+    champion, score = distill(teacher(), settings, 0, tmp_path, rows.append)
+    assert [row.mean is None for row in rows] == [True, True, False, False]
+    assert rows[1].loss < 0.7 * rows[0].loss
+    assert rows[-1].loss < 0.1
+    assert champion.controller.is_ternary
+    assert load(tmp_path / "champion.pkl") == champion
+    assert champion.provenance["held_out"]["mean"] == score.mean
+    assert champion.environment == EnvironmentSpec("BipedalWalkerHardcore-v3")
+    assert len(pack(champion.controller)) < 400
+
+
+def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path) -> None:
+    class Stop(Exception):  # noqa: N818
+        pass
+
+    def stop(row: RoundRow) -> None:
+        if row.number == 2:
+            raise Stop
+
+    whole = run(tmp_path / "whole")
+    with pytest.raises(Stop):
+        distill(teacher(), SMALL, 1, tmp_path / "parts", stop)
+    rest = run(tmp_path / "parts")
+    assert [row.number for row in rest] == [3, 4]
+    assert whole[2:] == rest
+    for name in ("champion.pkl", "champion.json", "distill.json"):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()
+
+
+def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(BitneatError, match="expected a teacher for BipedalWalker"):
+        distill(teacher("LunarLander-v3"), SMALL, 0, tmp_path / "lander", lambda row: None)
+    run(tmp_path / "run", rounds=2)
+    with pytest.raises(BitneatError, match="holds another run of distill"):
+        run(tmp_path / "run", rounds=2, seed=5)
+    checkpoint = tmp_path / "run" / CHECKPOINT
+    content = bytearray(checkpoint.read_bytes())
+    for at in range(len(content) // 2, len(content) // 2 + 256):  # more than the padding between two entries
+        content[at] ^= 1
+    checkpoint.write_bytes(bytes(content))
+    with pytest.raises(BitneatError, match=r"checkpoint\.pt: damaged: [^\n]*remove it to begin anew$"):
+        run(tmp_path / "run", rounds=2)
+    (tmp_path / "run" / "distill.json").write_text(json.dumps({})[:1])
+    with pytest.raises(BitneatError, match=r"distill\.json: damaged"):
+        run(tmp_path / "run", rounds=2)
