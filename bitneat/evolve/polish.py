@@ -27,12 +27,16 @@ OBJECTIVES = ("reward", "size")
 _CHILDREN = 160
 _RACE = ((3, 32, 60.0), (6, 12, 12.0), (14, 6, 4.0), (40, 4, 1.0))
 """More episodes, how many go on at most, and how far behind they may be."""
+_CAREFUL_RACE = (*_RACE, (140, 4, 1.0))
+"""Where falls matter, what enters the archive has shown in some two hundred episodes how often it falls."""
 _PARENTS = 10
 _PER_SIZE = 4
 _PARENT_EPISODES = 6
+_CAREFUL_PARENT_EPISODES = 20
 _MOST_EPISODES = 3000
 """A fall in a thousand episodes is seen only by who looks at thousands; the parents alone are evaluated that often."""
 _FIRST_EPISODES = 32
+_CAREFUL_FIRST_EPISODES = 200
 _NEAR = 25.0
 """Controllers this far below the floor may still have children that are above it."""
 _SLIGHTLY = 4.0
@@ -177,11 +181,12 @@ class Polish:
         """Run one generation."""
         counter = _Counter(evaluator)
         if self._fresh:
-            self._evaluate(self.archive, _FIRST_EPISODES, counter)
+            self._evaluate(self.archive, _CAREFUL_FIRST_EPISODES if self.goal.risk else _FIRST_EPISODES, counter)
             self._fresh = False
         parents = self._parents()
         self._race(self._children(parents), counter)
-        self._evaluate([p for p in parents if p.episodes < _MOST_EPISODES], _PARENT_EPISODES, counter)
+        more = _CAREFUL_PARENT_EPISODES if self.goal.risk else _PARENT_EPISODES
+        self._evaluate([p for p in parents if p.episodes < _MOST_EPISODES], more, counter)
         self._tidy()
         self.generation += 1
         return self._row(counter)
@@ -237,7 +242,7 @@ class Polish:
 
     def _race(self, children: list[Entry], counter: _Counter) -> None:
         wanted = {child.size: self._to_beat(child.size) for child in children}
-        for episodes, most, behind in _RACE:
+        for episodes, most, behind in _CAREFUL_RACE if self.goal.risk else _RACE:
             if not children:
                 return
             self._evaluate(children, episodes, counter)

@@ -114,6 +114,13 @@ def test_risk_prefers_the_controller_that_never_falls() -> None:
     assert Goal(risk=0.5).value(safe) == pytest.approx(323.0 - 0.5 - 0.1)
 
 
+def test_where_falls_matter_hundreds_of_episodes_are_run_before_a_controller_is_kept() -> None:
+    polish = Polish([START], Goal(risk=0.5), seed=1)
+    for _ in range(3):
+        polish.advance(Landscape())
+    assert min(entry.episodes for entry in polish.archive) > 200
+
+
 @pytest.mark.parametrize(
     "values", [{"objective": "speed"}, {"floor": float("nan")}, {"max_bytes": 0}, {"max_bytes": True}, {"risk": -1.0}]
 )
