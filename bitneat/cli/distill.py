@@ -14,6 +14,7 @@ from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
     from bitneat.distill.imitation import RoundRow
+    from bitneat.distill.run import ReinforceRow
 
 HELP = "train a ternary controller to imitate a float champion of the walker (needs bitneat[baselines])"
 DESCRIPTION = """\
@@ -24,11 +25,12 @@ again goes on, if it was stopped. docs/distill.md explains it."""
 EXAMPLE = """\
   bitneat baseline ppo --hardcore -o teacher
   bitneat distill teacher/champion.pkl -o student
+  bitneat distill teacher/champion.pkl --reinforce 50000000 -o better
   bitneat distill teacher/champion.pkl --hidden 48 --planes 1 -o smaller"""
 FILES = """\
   TEACHER          read: the champion.pkl or champion.json of a float network
-  RUN/             written: distill.json, checkpoint.pt, champion.pkl,
-                   champion.json"""
+  RUN/             written: distill.json, checkpoint.pt, reinforcement.pt,
+                   champion.pkl, champion.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,6 +68,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="steps of the optimizer in each (default 2000)",
     )
     training.add_argument(
+        "--reinforce",
+        metavar="STEPS",
+        type=whole_number(0),
+        default=0,
+        help="then go on by PPO for STEPS steps of the environment (default 0)",
+    )
+    training.add_argument(
         "--seed", metavar="S", type=whole_number(0), default=0, help="seed of all randomness (default 0)"
     )
     results = parser.add_argument_group("results")
@@ -81,7 +90,9 @@ def run(args: argparse.Namespace) -> int:
     if not isinstance(teacher, FloatChampion):
         raise BitneatError(f"{args.teacher}: is a controller already; expected a float champion")
     try:
-        from bitneat.distill.imitation import DistillSettings, distill
+        from bitneat.distill.imitation import DistillSettings
+        from bitneat.distill.reinforcement import ReinforceSettings
+        from bitneat.distill.run import distill
     except ImportError as error:
         raise MissingExtraError(
             f"distill: {error.name or 'a library'} is not installed; pip install bitneat[baselines]"
@@ -89,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
     settings = DistillSettings(tuple(args.hidden), args.planes, args.rounds, updates=args.updates)
     folder: Path = args.output or Path("runs") / f"distill-{args.seed}"
     try:
-        champion, score = distill(teacher, settings, args.seed, folder, _tell)
+        reinforce = ReinforceSettings(args.reinforce)
+        champion, score = distill(teacher, settings, args.seed, folder, tell=_tell, reinforce=reinforce)
     except KeyboardInterrupt as stop:
         stop.args = ("stopped; the same command goes on from the last checkpoint",)
         raise
@@ -107,6 +119,5 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(row: RoundRow) -> None:
-    result = "" if row.mean is None else f" reward {row.mean:.1f} in {row.packed_bytes} bytes"
-    print(f"round {row.number} loss {row.loss:.4f}{result}", file=sys.stderr, flush=True)
+def _tell(row: RoundRow | ReinforceRow) -> None:
+    print(row.line, file=sys.stderr, flush=True)

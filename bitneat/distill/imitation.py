@@ -10,14 +10,9 @@ Importing this needs PyTorch.
 
 from __future__ import annotations
 
-import io
 import json
 import math
-import random
-import zipfile
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,24 +20,18 @@ import numpy.typing as npt
 import torch
 
 from bitneat.baselines.evaluation import batched
-from bitneat.champion import Champion, EnvironmentSpec, FloatChampion, save_json, save_pickle
+from bitneat.champion import EnvironmentSpec, FloatChampion
 from bitneat.controller import Controller
 from bitneat.controller.packing import pack
 from bitneat.distill.student import Student
 from bitneat.errors import BitneatError
-from bitneat.evolve.evaluation import NativeWalkerEvaluator
-from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
-from bitneat.evolve.search import Score
-from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
+from bitneat.evolve.evaluation import Evaluator
+from bitneat.evolve.randomness import SELECTION_START, selection_seeds
 from bitneat.sim.bipedal import is_hardcore, is_walker
 from bitneat.sim.walker.rollout import run_policy
 from bitneat.sim.walker.vector import step_limit
-from bitneat.version import __version__
 
-RUN, CHECKPOINT = "distill.json", "checkpoint.pt"
-_FORMAT, _VERSION = "bitneat-distill", 1
-_CAP = 1 << 30
-_SELECTION, _FINAL, _REPORT = 32, 200, 100
+_SELECTION = 32
 _FINALISTS = 5
 _LEAK = 0.01
 """Slope of the loss where an output is clamped, so that it can come back."""
@@ -85,6 +74,39 @@ class RoundRow:
     """Reward on the selection seeds; None while weights are real numbers."""
     packed_bytes: int | None
 
+    @property
+    def line(self) -> str:
+        """For whoever watches."""
+        result = "" if self.mean is None else f" reward {self.mean:.1f} in {self.packed_bytes} bytes"
+        return f"round {self.number} loss {self.loss:.4f}{result}"
+
+
+Candidates = list[tuple[float, Controller]]
+"""The best so far with their means on the selection seeds, the first the best."""
+
+
+def tried(controller: Controller, evaluator: Evaluator) -> float:
+    """Mean official reward on the selection seeds."""
+    episodes = evaluator.evaluate([controller], selection_seeds(_SELECTION))[0]
+    return math.fsum(episode.reward for episode in episodes) / len(episodes)
+
+
+def remember(candidates: Candidates, mean: float, controller: Controller) -> None:
+    """Keep the best few."""
+    candidates.append((mean, controller))
+    candidates.sort(key=lambda c: (-c[0], c[1].sha256))
+    del candidates[_FINALISTS:]
+
+
+def candidates_state(candidates: Candidates) -> list[Any]:
+    """As plain data."""
+    return [[mean, json.dumps(controller.to_data())] for mean, controller in candidates]
+
+
+def candidates_from(state: list[Any]) -> Candidates:
+    """Read what `candidates_state` wrote."""
+    return [(mean, Controller.from_data(json.loads(text))) for mean, text in state]
+
 
 class Imitation:
     """The state of a run.
@@ -106,7 +128,7 @@ class Imitation:
         self.teacher, self.settings, self.seed = teacher, settings, seed
         self.hardcore = is_hardcore(spec)
         self.rows: list[RoundRow] = []
-        self.candidates: list[tuple[float, Controller]] = []
+        self.candidates: Candidates = []
         self._label = batched(teacher.network)
         self._observations: list[Floats] = []
         self._actions: list[Floats] = []
@@ -143,7 +165,7 @@ class Imitation:
         self._observations.append(observations)
         self._actions.append(np.clip(self._label(observations), -1.0, 1.0).astype(np.float32))
 
-    def advance(self, evaluator: NativeWalkerEvaluator) -> RoundRow:
+    def advance(self, evaluator: Evaluator) -> RoundRow:
         """Run one round."""
         settings, number = self.settings, len(self.rows)
         if number:
@@ -155,11 +177,8 @@ class Imitation:
         mean = size = None
         if number >= settings.float_rounds:
             controller = self.student.controller()
-            episodes = evaluator.evaluate([controller], selection_seeds(_SELECTION))[0]
-            mean, size = math.fsum(e.reward for e in episodes) / len(episodes), len(pack(controller))
-            self.candidates.append((mean, controller))
-            self.candidates.sort(key=lambda c: (-c[0], c[1].sha256))
-            del self.candidates[_FINALISTS:]
+            mean, size = tried(controller, evaluator), len(pack(controller))
+            remember(self.candidates, mean, controller)
         self.rows.append(RoundRow(number + 1, loss, mean, size))
         return self.rows[-1]
 
@@ -190,7 +209,7 @@ class Imitation:
             "generator": self._generator.get_state(),
             "past": self._past,
             "rows": [list(vars(row).values()) for row in self.rows],
-            "candidates": [[mean, json.dumps(controller.to_data())] for mean, controller in self.candidates],
+            "candidates": candidates_state(self.candidates),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -207,108 +226,4 @@ class Imitation:
         self._optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
         self.rows = [RoundRow(*row) for row in state["rows"]]
-        self.candidates = [(mean, Controller.from_data(json.loads(text))) for mean, text in state["candidates"]]
-
-
-def distill(
-    teacher: FloatChampion,
-    settings: DistillSettings,
-    seed: int,
-    folder: Path,
-    tell: Callable[[RoundRow], None],
-) -> tuple[Champion, Score]:
-    """Train a student, and write the best of its rounds as a champion.
-
-    If the folder holds the same run, it goes on from there.
-
-    Returns:
-        The champion, and its score on the report seeds.
-
-    Raises:
-        BitneatError: if the teacher is not for a walker, or the folder holds something else.
-    """
-    run = {
-        "format": _FORMAT,
-        "version": _VERSION,
-        "teacher": teacher.network.sha256,
-        "seed": seed,
-        "settings": json.loads(json.dumps(asdict(settings))),
-    }
-    _begin(folder, run)
-    threads = torch.get_num_threads()
-    torch_state, python_state = torch.get_rng_state(), random.getstate()
-    torch.set_num_threads(1)
-    try:
-        imitation = Imitation(teacher, settings, seed)
-        evaluator = NativeWalkerEvaluator(imitation.spec, step_limit(imitation.hardcore), 2)
-        _restore(folder / CHECKPOINT, imitation)
-        while len(imitation.rows) < settings.rounds:
-            row = imitation.advance(evaluator)
-            _save(folder / CHECKPOINT, imitation)
-            tell(row)
-    finally:
-        torch.set_num_threads(threads)
-        torch.set_rng_state(torch_state)
-        random.setstate(python_state)
-    return _finish(folder, imitation, evaluator, run)
-
-
-def _finish(
-    folder: Path, imitation: Imitation, evaluator: NativeWalkerEvaluator, run: dict[str, Any]
-) -> tuple[Champion, Score]:
-    controllers = [controller for _, controller in imitation.candidates]
-    scores = [Score.of(row) for row in evaluator.evaluate(controllers, selection_seeds(_FINAL))]
-    best = max(range(len(scores)), key=lambda i: scores[i].mean)
-    score = Score.of(evaluator.evaluate([controllers[best]], report_seeds(_REPORT))[0])
-    provenance = {
-        "tool": f"bitneat {__version__}",
-        "distill": {key: run[key] for key in ("teacher", "seed", "settings")},
-        "selection": {**scores[best].to_data(), "first_seed": SELECTION_START},
-        "held_out": {**score.to_data(), "first_seed": REPORT_START},
-        "max_steps": step_limit(imitation.hardcore),
-    }
-    champion = Champion(controllers[best], imitation.teacher.action, imitation.spec, provenance)
-    save_json(champion, folder / "champion.json")
-    save_pickle(champion, folder / "champion.pkl")
-    return champion, score
-
-
-def _begin(folder: Path, run: dict[str, Any]) -> None:
-    path = folder / RUN
-    if path.exists():
-        refuse_links(folder)
-        try:
-            found = json.loads(read_capped(path, 1 << 20))
-        except ValueError:
-            raise BitneatError(f"{path}: damaged: no JSON") from None
-        if found != run:
-            raise BitneatError(f"{folder}: holds another run of distill; give another -o")
-        remove_leftovers(folder)
-        return
-    if (folder / "champion.pkl").exists():
-        raise BitneatError(f"{folder / 'champion.pkl'}: exists and would be overwritten; give another -o")
-    make_folder(folder)
-    refuse_links(folder)
-    write_json(path, run)
-
-
-def _save(path: Path, imitation: Imitation) -> None:
-    buffer = io.BytesIO()
-    torch.save(imitation.state(), buffer)
-    write_atomic(path, buffer.getvalue())
-
-
-def _restore(path: Path, imitation: Imitation) -> None:
-    if not path.exists():
-        return
-    try:
-        content = io.BytesIO(read_capped(path, _CAP))
-        with zipfile.ZipFile(content) as archive:  # torch is built to skip the checksums in it
-            bad = archive.testzip()
-        if bad is not None:
-            raise BitneatError(f"{bad!r:.80} has another checksum")
-        content.seek(0)
-        imitation.restore(torch.load(content, weights_only=True))
-    except Exception as error:  # the file may be anyone's
-        reason = str(error) if isinstance(error, BitneatError) else type(error).__name__
-        raise BitneatError(f"{path}: damaged: {reason}; remove it to begin anew") from None
+        self.candidates = candidates_from(state["candidates"])

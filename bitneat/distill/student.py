@@ -88,7 +88,7 @@ class Student(nn.Module):
 
     def __init__(self, scales: Sequence[int], hidden: Sequence[int], num_outputs: int, planes: int) -> None:
         super().__init__()
-        self.scales = tuple(scales)
+        self.scales, self.num_outputs = tuple(scales), num_outputs
         self.register_buffer("_factor", torch.tensor([2.0 ** (FRAC_BITS + s) for s in scales]), persistent=False)
         sizes = [len(self.scales), *hidden, num_outputs]
         self.layers = nn.ModuleList(QuantizedLinear(a, b, planes) for a, b in pairwise(sizes))

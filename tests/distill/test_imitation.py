@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +21,14 @@ from bitneat.network import FloatNetwork, FloatNode
 from bitneat.sim.walker.episodes import ACTION
 
 pytest.importorskip("torch", reason="needs bitneat[baselines]")
+pytest.importorskip("stable_baselines3", reason="needs bitneat[baselines]")
 
-from bitneat.distill.imitation import CHECKPOINT, DistillSettings, RoundRow, distill
+import torch
+
+from bitneat.distill.imitation import DistillSettings
+from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
+from bitneat.distill.run import CHECKPOINT, ReinforceRow, distill
+from bitneat.distill.student import Student
 
 SMALL = DistillSettings(hidden=(6,), rounds=4, float_rounds=1, walkers=3, updates=40, batch=64)
 
@@ -36,16 +43,16 @@ def teacher(environment: str = "BipedalWalkerHardcore-v3", seed: int = 0) -> Flo
     return FloatChampion(FloatNetwork(24, nodes, (24, 25, 26, 27)), ACTION, EnvironmentSpec(environment), {})
 
 
-def run(folder: Path, rounds: int = 4, seed: int = 1) -> list[RoundRow]:
-    rows: list[RoundRow] = []
-    distill(teacher(), replace(SMALL, rounds=rounds), seed, folder, rows.append)
+def run(folder: Path, rounds: int = 4, seed: int = 1) -> list[Any]:
+    rows: list[Any] = []
+    distill(teacher(), replace(SMALL, rounds=rounds), seed, folder, tell=rows.append)
     return rows
 
 
 def test_the_student_comes_nearer_to_its_teacher(tmp_path: Path) -> None:
-    rows: list[RoundRow] = []
+    rows: list[Any] = []
     settings = DistillSettings(hidden=(12,), rounds=4, float_rounds=2, walkers=8, updates=400, batch=256)
-    champion, score = distill(teacher(), settings, 0, tmp_path, rows.append)
+    champion, score = distill(teacher(), settings, 0, tmp_path, tell=rows.append)
     assert [row.mean is None for row in rows] == [True, True, False, False]
     assert rows[1].loss < 0.7 * rows[0].loss
     assert rows[-1].loss < 0.1
@@ -60,13 +67,13 @@ def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path) -> None
     class Stop(Exception):  # noqa: N818
         pass
 
-    def stop(row: RoundRow) -> None:
+    def stop(row: Any) -> None:
         if row.number == 2:
             raise Stop
 
     whole = run(tmp_path / "whole")
     with pytest.raises(Stop):
-        distill(teacher(), SMALL, 1, tmp_path / "parts", stop)
+        distill(teacher(), SMALL, 1, tmp_path / "parts", tell=stop)
     rest = run(tmp_path / "parts")
     assert [row.number for row in rest] == [3, 4]
     assert whole[2:] == rest
@@ -76,7 +83,7 @@ def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path) -> None
 
 def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(BitneatError, match="expected a teacher for BipedalWalker"):
-        distill(teacher("LunarLander-v3"), SMALL, 0, tmp_path / "lander", lambda row: None)
+        distill(teacher("LunarLander-v3"), SMALL, 0, tmp_path / "lander", tell=lambda row: None)
     run(tmp_path / "run", rounds=2)
     with pytest.raises(BitneatError, match="holds another run of distill"):
         run(tmp_path / "run", rounds=2, seed=5)
@@ -90,3 +97,37 @@ def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "run" / "distill.json").write_text(json.dumps({})[:1])
     with pytest.raises(BitneatError, match=r"distill\.json: damaged"):
         run(tmp_path / "run", rounds=2)
+
+
+def test_a_student_goes_on_by_reinforcement_and_after_an_interruption(tmp_path: Path) -> None:
+    settings = ReinforceSettings(steps=16 * 64, walkers=8, steps_an_update=8, batch=32, epochs=1, critic_first=2)
+    rows: list[Any] = []
+
+    def stop(row: Any) -> None:
+        rows.append(row)
+        if isinstance(row, ReinforceRow):
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        distill(teacher(), SMALL, 2, tmp_path, tell=stop, reinforce=settings)
+    assert rows[-1].steps == 15 * 64
+    champion, score = distill(teacher(), SMALL, 2, tmp_path, tell=rows.append, reinforce=settings)
+    assert [row.steps for row in rows[4:]] == [15 * 64, 16 * 64]
+    assert champion.provenance["distill"]["reinforce"]["steps"] == 1024
+    assert champion.provenance["held_out"]["mean"] == score.mean
+    assert champion.controller.is_ternary
+    with pytest.raises(BitneatError, match="holds another run"):
+        distill(teacher(), SMALL, 2, tmp_path, tell=rows.append)
+
+
+def test_reinforcement_changes_the_student_once_its_critic_has_begun() -> None:
+    student = Student([1] * 24, [5], 4, 2)
+    before = {name: value.clone() for name, value in student.state_dict().items()}
+    settings = ReinforceSettings(walkers=4, steps_an_update=8, batch=16, epochs=1, critic_first=1)
+    training = Reinforcement(student, hardcore=False, settings=settings, seed=0)
+    training.advance()
+    assert all(torch.equal(value, before[name]) for name, value in student.state_dict().items())
+    training.advance()
+    assert any(not torch.equal(value, before[name]) for name, value in student.state_dict().items())
+    assert training.steps == 64
+    training.close()

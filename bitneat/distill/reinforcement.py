@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: MIT
+"""A student that goes on by itself: proximal policy optimisation (stable-baselines3) of a network with a controller's weights.
+
+Imitation ends where a small network cannot follow its teacher; from there on the reward says what of the teacher's walk it can do
+without. The policy is `bitneat.distill.student.Student`, whose forward pass has integer weights, so that what is rewarded is what
+the controller will do. Observations are not normalised, since the controller gets them as they are.
+
+Importing this needs PyTorch and stable-baselines3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import VecNormalize
+from torch import nn
+
+from bitneat.baselines.stable import (
+    random_state,
+    recent_mean,
+    restart_seed,
+    restore_random,
+    silence,
+)
+from bitneat.baselines.vecenv import WalkerVecEnv
+from bitneat.distill.student import Student
+
+_FALL = -100.0
+
+
+@dataclass(frozen=True)
+class ReinforceSettings:
+    """How to go on; of the optimizer what `bitneat.baselines.settings.HARDCORE_PPO` has, where it is not named here."""
+
+    steps: int = 0
+    """Of the environment; none leaves the student as it is."""
+    walkers: int = 256
+    steps_an_update: int = 128
+    """Of each walker."""
+    batch: int = 4096
+    epochs: int = 5
+    learning_rate: float = 3e-4
+    gamma: float = 0.99
+    clip_range: float = 0.2
+    entropy: float = 0.001
+    log_std: float = -1.2
+    """Logarithm of the actions' standard deviation at the start."""
+    fall: float = -20.0
+    """What a fall counts in training. At the official -100 a student that mostly falls learns to stand still."""
+    critic_first: int = 10
+    """Updates in which only the critic learns, which knows nothing at first."""
+
+
+class _Extractor(nn.Module):
+    """The student as actor, and a critic of its own."""
+
+    def __init__(self, student: Student, inputs: int) -> None:
+        super().__init__()
+        self.actor = student
+        self.critic = nn.Sequential(nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh())
+        self.latent_dim_pi, self.latent_dim_vf = student.num_outputs, 64
+
+    def forward(self, features: Any) -> tuple[Any, Any]:
+        return self.forward_actor(features), self.forward_critic(features)
+
+    def forward_actor(self, features: Any) -> Any:
+        return self.actor.before_clamping(features)
+
+    def forward_critic(self, features: Any) -> Any:
+        return self.critic(features)
+
+
+class _Policy(ActorCriticPolicy):
+    """The actor's outputs are the actions' means as they are."""
+
+    def __init__(self, *arguments: Any, student: Student, **options: Any) -> None:
+        self._student = [student]  # in a list, so that it is no submodule yet
+        super().__init__(*arguments, ortho_init=False, **options)
+
+    def _build_mlp_extractor(self) -> None:
+        self.mlp_extractor = _Extractor(self._student[0], self.features_dim)
+
+    def _build(self, lr_schedule: Any) -> None:
+        super()._build(lr_schedule)
+        self.action_net = nn.Identity()
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+
+
+class _Falls(WalkerVecEnv):
+    """Walkers whose falls count something else."""
+
+    def __init__(self, num_envs: int, hardcore: bool, fall: float) -> None:
+        super().__init__(num_envs, hardcore=hardcore)
+        self._fall = fall
+
+    def step_wait(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
+        observations, rewards, done, infos = super().step_wait()
+        return observations, np.where(rewards == _FALL, np.float32(self._fall), rewards), done, infos
+
+
+class Reinforcement:
+    """A training of a student, which it changes in place. In one that is restored episodes begin anew; all else goes on."""
+
+    def __init__(self, student: Student, hardcore: bool, settings: ReinforceSettings, seed: int) -> None:
+        self.student, self._settings = student, settings
+        student.quantize(True)
+        self._env = VecNormalize(
+            _Falls(settings.walkers, hardcore, settings.fall), norm_obs=False, gamma=settings.gamma
+        )
+        self._model = PPO(
+            _Policy,
+            self._env,
+            n_steps=settings.steps_an_update,
+            batch_size=settings.batch,
+            n_epochs=settings.epochs,
+            learning_rate=settings.learning_rate,
+            gamma=settings.gamma,
+            clip_range=settings.clip_range,
+            ent_coef=settings.entropy,
+            policy_kwargs={"log_std_init": settings.log_std, "student": student},
+            seed=seed,
+            device="cpu",
+        )
+        silence(self._model)
+        self._updates = 0
+
+    @property
+    def steps(self) -> int:
+        """Of the environment so far."""
+        return int(self._model.num_timesteps)
+
+    @property
+    def recent(self) -> float | None:
+        """Mean official reward of the latest episodes, explored ones; None if none has ended."""
+        return recent_mean(self._model)
+
+    def advance(self) -> None:
+        """One update."""
+        for parameter in self.student.parameters():
+            parameter.requires_grad_(self._updates >= self._settings.critic_first)
+        chunk = self._settings.walkers * self._settings.steps_an_update
+        self._model.learn(chunk, log_interval=None, reset_num_timesteps=False)
+        self._updates += 1
+
+    def state(self) -> dict[str, Any]:
+        """All that `restore` needs: tensors and plain data."""
+        returns = self._env.ret_rms
+        return {
+            "counts": [self.steps, int(self._model._n_updates), self._updates],
+            "parameters": self._model.get_parameters(),
+            "returns": [float(x) for x in (returns.mean, returns.var, returns.count)],
+            "random": random_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on where `state` was taken."""
+        self._model.num_timesteps, self._model._n_updates, self._updates = state["counts"]
+        self._model.set_parameters(state["parameters"], device="cpu")
+        returns = self._env.ret_rms
+        returns.mean, returns.var = (np.array(x) for x in state["returns"][:2])
+        returns.count = state["returns"][2]
+        restore_random(state["random"])
+        self._env.seed(restart_seed(self._model.seed, self.steps))
+
+    def close(self) -> None:
+        """Let go of the walkers."""
+        self._env.close()
