@@ -81,6 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "paths", metavar="PATH", type=Path, nargs="+", help="champions, run folders, or folders of such, at any depth"
     )
+    sub.add_argument(
+        "--env",
+        metavar="ID",
+        help="of champions for several environments, those for this one (default: for which most are)",
+    )
     _add_reference(sub)
     sub = figure("size", "where a champion's packed bytes go, and its flash, RAM and stack on targets", _size)
     _add_champion(sub)
@@ -141,9 +146,9 @@ def _network(args: argparse.Namespace, file_type: str) -> bytes:
 
 
 def _pareto(args: argparse.Namespace, file_type: str) -> bytes:
-    from bitneat.report.pareto import collect, pareto_figure
+    from bitneat.report.pareto import collect, of_one_environment, pareto_figure
 
-    found = collect(args.paths)
+    found = of_one_environment(collect(args.paths), args.env)
     for line in found.left_out:
         print(f"left out: {line}", file=sys.stderr)
     return pareto_figure(found.points, _references(args, (point.environment for point in found.points)), file_type)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ WALKER = EnvironmentSpec("BipedalWalker-v3")
 _SUFFIXES = (".pkl", ".json")
 _MAX_FILES = 2000
 _PEEK = 4096
-_LABELS = 30
+_LABELS = 8
 """So many points get their names; of more, those on the front alone."""
 
 
@@ -69,6 +70,29 @@ def collect(paths: Sequence[Path]) -> Collection:
         reason = f" ({left_out[0]})" if left_out else ""
         raise BitneatError(f"plot pareto: found no champion with packed bytes and a held-out score{reason}")
     return Collection(tuple(points.values()), tuple(left_out))
+
+
+def of_one_environment(found: Collection, environment_id: str | None = None) -> Collection:
+    """The points of one environment, since rewards of several cannot be compared; the others are left out.
+
+    Args:
+        found: any points.
+        environment_id: the environment; if not given, that of most of them.
+
+    Raises:
+        BitneatError: if there is no point of it.
+    """
+    ids = Counter(point.environment.id if point.environment else "no environment" for point in found.points)
+    chosen = ids.most_common(1)[0][0] if environment_id is None else environment_id
+    if chosen not in ids:
+        raise BitneatError(f"--env {chosen}: found no champion for it, only for {', '.join(sorted(ids))}")
+    kept = tuple(p for p in found.points if chosen == (p.environment.id if p.environment else "no environment"))
+    others = tuple(
+        f"{count} champion{'s' if count > 1 else ''} for {name}"
+        for name, count in sorted(ids.items())
+        if name != chosen
+    )
+    return Collection(kept, (*found.left_out, *others))
 
 
 def front(points: Iterable[Point]) -> list[Point]:

@@ -167,6 +167,20 @@ def test_pareto_draws_the_front_and_says_what_it_leaves_out(tmp_path: Path, caps
     assert [point.name for point in front(collect([TINY, WALKER]).points)] == ["tiny", "walker"]
 
 
+def test_pareto_draws_one_environment_and_says_which_others_there_were(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = ROOT / "examples" / "champions"
+    assert main(["plot", "pareto", str(folder), "-o", str(tmp_path / "walkers.svg")]) == 0
+    assert "left out: 1 champion for CartPole-v1\n" in capsys.readouterr().err
+    assert "cartpole" not in (tmp_path / "walkers.svg").read_text()
+    command = ["plot", "pareto", str(folder), "--env", "CartPole-v1", "-o", str(tmp_path / "pole.svg")]
+    assert main(command) == 0
+    assert "BipedalWalker-v3" in capsys.readouterr().err
+    assert main([*command[:-1], str(tmp_path / "none.svg"), "--env", "Taxi-v3"]) == 2
+    assert "--env Taxi-v3: found no champion for it, only for Acrobot-v1, " in capsys.readouterr().err
+
+
 def test_pareto_reads_the_results_of_a_reproduction(tmp_path: Path) -> None:
     path = tmp_path / "p.svg"
     assert main(["plot", "pareto", str(ROOT / "docs" / "paper" / "results"), "-o", str(path)]) == 0
