@@ -17,6 +17,7 @@ from bitneat.codegen.interpreter import (
     with_mask,
 )
 from bitneat.codegen.kernels import Kernel, kernel
+from bitneat.codegen.recombined import recombined
 from bitneat.controller import Action, BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node
 from bitneat.controller.interval import NodeIntervals, intervals
 from bitneat.controller.ir import SIGNAL_MAX
@@ -216,6 +217,7 @@ class _Unroller:
         self.controller = controller
         self.layout = Layout(controller)
         self.bounds = intervals(controller)
+        self.recombined = recombined(controller, self.bounds.nodes)
         self.helpers: set[str] = set()
         self.word: Word = "unsigned" if self.fits_unsigned() else "uint32_t"
         self.codes: list[int] = []
@@ -323,7 +325,7 @@ class _Unroller:
             sum_name=sum_name,
             start=self.wrapped(node.bias),
             terms=terms,
-            value=self.response(sum_name, node, bounds),
+            value=self.response(sum_name, index, bounds),
         )
 
     @staticmethod
@@ -369,11 +371,12 @@ class _Unroller:
                 x = f"{self.prefix}_opaque{x}"
         return f"({x} & (0U - ({byte} >> {low} & 1U))) - ({x} & (0U - ({byte} >> {low + 1} & 1U)))"
 
-    def response(self, total: str, node: Node, bounds: NodeIntervals) -> str:
+    def response(self, total: str, index: int, bounds: NodeIntervals) -> str:
         """Gain, saturation where it can happen, and activation, as one expression of a sum's type."""
+        node = self.controller.nodes[index]
         value = total
         if node.gain > 0:
-            if all(link.sign < 0 for link in node.links):
+            if index in self.recombined or all(link.sign < 0 for link in node.links):
                 self.helpers.add("opaque")
                 value = f"{self.prefix}_opaque({value})"
             value = f"{value} << {node.gain}"

@@ -312,7 +312,9 @@ static uint32_t bn_respond(const struct bn_controller *c, unsigned fields, uint3
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
 {
-    struct bn_cursor at = {c->body, 0};
+    struct bn_cursor at; /* set part by part: some compilers would copy an initializer from static data */
+    at.next = c->body;
+    at.bit = 0;
     const unsigned record_bits = 8U * c->record_bytes;
     const unsigned shift_mask = c->has_shifts ? 7U : 0U;
     int16_t *node = signals + c->first_node;
@@ -345,7 +347,9 @@ static void bn_nodes_bytes(const struct bn_controller *c, int16_t *signals)
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_rice(const struct bn_controller *c, int16_t *signals)
 {
-    struct bn_cursor at = {c->body, 0};
+    struct bn_cursor at; /* set part by part: some compilers would copy an initializer from static data */
+    at.next = c->body;
+    at.bit = 0;
     const unsigned count_k = (unsigned)bn_take(&at, 3);
     const unsigned gap_k = (unsigned)bn_take(&at, 3);
     int16_t *node = signals + c->first_node;
@@ -370,7 +374,9 @@ static void bn_nodes_rice(const struct bn_controller *c, int16_t *signals)
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_planes(const struct bn_controller *c, int16_t *signals)
 {
-    struct bn_cursor at = {c->body, 0};
+    struct bn_cursor at; /* set part by part: some compilers would copy an initializer from static data */
+    at.next = c->body;
+    at.bit = 0;
     int16_t *node = signals + c->first_node;
     int16_t *const end = signals + c->num_slots;
     while (node != end) {
@@ -393,7 +399,9 @@ static void bn_nodes_planes(const struct bn_controller *c, int16_t *signals)
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_two_bits(const struct bn_controller *c, int16_t *signals)
 {
-    struct bn_cursor at = {c->body, 0};
+    struct bn_cursor at; /* set part by part: some compilers would copy an initializer from static data */
+    at.next = c->body;
+    at.bit = 0;
     int16_t *node = signals + c->first_node;
     int16_t *const end = signals + c->num_slots;
     while (node != end) {
@@ -412,7 +420,9 @@ static void bn_nodes_two_bits(const struct bn_controller *c, int16_t *signals)
 /* Evaluates every node in order, from the slots before them. */
 static void bn_nodes_trits(const struct bn_controller *c, int16_t *signals)
 {
-    struct bn_cursor at = {c->body, 0};
+    struct bn_cursor at; /* set part by part: some compilers would copy an initializer from static data */
+    at.next = c->body;
+    at.bit = 0;
     const uint32_t node_bits = (uint32_t)(c->activation_bits + c->gain_bits + c->bias_width);
     const uint8_t *next = c->body + ((c->num_nodes * node_bits + 7U) >> 3);
     uint_fast8_t trits = 0;
