@@ -19,28 +19,41 @@ Key = tuple[int, int]
 
 
 @dataclass(frozen=True)
+class Recombined:
+    """What the compiler must know nothing of, by the index of the node."""
+
+    gains: frozenset[int]
+    """Sums that a positive gain shifts."""
+    links: frozenset[int]
+    """Nodes whose shifted links are."""
+
+
+@dataclass(frozen=True)
 class _Form:
-    """What a value is a linear form of, and the nodes whose shifts are on the way."""
+    """What a value is a linear form of, and the shifts on the way: each a node, and whether its gain (else a link of it) shifts."""
 
     reads: frozenset[Key]
-    shifts: frozenset[int]
+    shifts: frozenset[tuple[int, bool]] = frozenset()
 
 
-def recombined(controller: Controller, bounds: Sequence[NodeIntervals]) -> frozenset[int]:
-    """Indices of the nodes of positive gain whose sums the compiler must know nothing of."""
+def recombined(controller: Controller, bounds: Sequence[NodeIntervals]) -> Recombined:
+    """Find them; links of one node that read one signal with several shifts are not among them."""
     first = len(controller.inputs)
     forms: dict[int, _Form] = {}
-    found: set[int] = set()
+    found: set[tuple[int, bool]] = set()
     for index, node in enumerate(controller.nodes):
-        seen: dict[Key, frozenset[int]] = {}
+        seen: dict[Key, frozenset[tuple[int, bool]]] = {}
         for link in node.links:
-            own = _Form(frozenset({(link.source, link.delay)}), frozenset())
+            own = _Form(frozenset({(link.source, link.delay)}))
             form = own if link.delay else forms.get(link.source, own)
+            shifts = form.shifts | ({(index, False)} if link.shift else set())
             for key in form.reads:
                 if key in seen:
-                    found |= seen[key] | form.shifts
-                seen[key] = seen.get(key, frozenset()) | form.shifts
+                    found |= seen[key] | shifts
+                seen[key] = seen.get(key, frozenset()) | shifts
         if node.activation == "identity" and node.gain >= 0 and bounds[index].scaled.magnitude <= SIGNAL_MAX:
-            shifts = frozenset().union(*seen.values()) | ({index} if node.gain else frozenset())
+            shifts = frozenset().union(*seen.values(), {(index, True)} if node.gain else set())
             forms[first + index] = _Form(frozenset(seen), shifts)
-    return frozenset(found)
+    return Recombined(
+        frozenset(index for index, gain in found if gain), frozenset(index for index, gain in found if not gain)
+    )

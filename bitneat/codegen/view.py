@@ -316,7 +316,7 @@ class _Unroller:
 
     def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
         sum_name = f"sum{index}"
-        shifted = self.shifted_sources(node)
+        shifted = self.shifted_sources(index)
         # What is added goes first: a sum that starts with a subtraction costs a negation.
         terms = tuple(self.term(link, shifted) for link in sorted(node.links, key=lambda link: -link.sign))
         return UnrolledNode(
@@ -328,9 +328,11 @@ class _Unroller:
             value=self.response(sum_name, index, bounds),
         )
 
-    @staticmethod
-    def shifted_sources(node: Node) -> set[tuple[int, int]]:
-        """The sources that are read with several shifts, which a compiler could make a multiplication of."""
+    def shifted_sources(self, index: int) -> set[tuple[int, int]]:
+        """The sources whose shifts a compiler could make a multiplication of: what is read with several, and see `recombined`."""
+        node = self.controller.nodes[index]
+        if index in self.recombined.links:
+            return {(link.source, link.delay) for link in node.links}
         seen: dict[tuple[int, int], int] = {}
         for link in node.links:
             seen[link.source, link.delay] = seen.get((link.source, link.delay), 0) + 1
@@ -376,7 +378,7 @@ class _Unroller:
         node = self.controller.nodes[index]
         value = total
         if node.gain > 0:
-            if index in self.recombined or all(link.sign < 0 for link in node.links):
+            if index in self.recombined.gains or all(link.sign < 0 for link in node.links):
                 self.helpers.add("opaque")
                 value = f"{self.prefix}_opaque({value})"
             value = f"{value} << {node.gain}"

@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
 
 from bitneat.codegen import generate
-from bitneat.codegen.recombined import recombined
+from bitneat.codegen.recombined import Recombined, recombined
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.interval import intervals
+from bitneat.verify.cfile import CFile
+from bitneat.verify.machine import examine
+from bitneat.verify.targets.chips import CHIPS
 
 
 def controller(gain: int, activation: str, other: int) -> Controller:
@@ -31,7 +35,7 @@ def controller(gain: int, activation: str, other: int) -> Controller:
 )
 def test_a_shifted_sum_that_meets_what_it_is_made_of(gain: int, activation: str, other: int, found: set[int]) -> None:
     made = controller(gain, activation, other)
-    assert recombined(made, intervals(made).nodes) == found
+    assert recombined(made, intervals(made).nodes) == Recombined(frozenset(found), frozenset())
     text = generate(made, "legs", "unrolled").source
     assert bool(re.search(r"legs_opaque\(sum0\) << ", text)) == bool(found)
 
@@ -39,4 +43,35 @@ def test_a_shifted_sum_that_meets_what_it_is_made_of(gain: int, activation: str,
 def test_nothing_is_found_where_no_signal_comes_twice() -> None:
     nodes = (Node((Link(0),), 0, 1, "identity"), Node((Link(2), Link(1)), 0, 0, "identity"))
     made = Controller((Input(limit=255), Input(limit=255)), nodes, (Signal(3),), 8)
-    assert not recombined(made, intervals(made).nodes)
+    assert recombined(made, intervals(made).nodes) == Recombined(frozenset(), frozenset())
+
+
+def test_a_shifted_link_to_a_sum_of_what_is_read_besides() -> None:
+    made = two_outputs(*MEETING["a shifted link"])
+    assert recombined(made, intervals(made).nodes) == Recombined(frozenset(), frozenset({1}))
+    assert "legs_opaque(n0 << 1)" in generate(made, "legs", "unrolled").source
+
+
+MEETING = {
+    "a signal": (Node((Link(0),), 0, 1, "identity"), Node((Link(0), Link(2)), 0, 0, "identity")),
+    "a sum": (Node((Link(0), Link(1)), 0, 1, "identity"), Node((Link(0), Link(1), Link(2)), 0, 0, "identity")),
+    "a shifted link": (
+        Node((Link(0), Link(1)), 0, 0, "identity"),
+        Node((Link(0), Link(1), Link(2, shift=1)), 0, 0, "identity"),
+    ),
+}
+
+
+def two_outputs(*nodes: Node) -> Controller:
+    """Both nodes are outputs, so that neither becomes a part of the other."""
+    return Controller((Input(limit=255), Input(limit=255)), nodes, (Signal(2), Signal(3)), 8)
+
+
+@pytest.mark.parametrize("case", MEETING)
+@pytest.mark.parametrize("target", ["wasm32", "ppc"])
+def test_clang_multiplies_by_none_of_them(case: str, target: str, tmp_path: Path) -> None:
+    made = two_outputs(*MEETING[case])
+    (chip,) = (chip for chip in CHIPS if chip.name == target)
+    toolchain = chip.toolchain()
+    assert toolchain is not None
+    assert examine(CFile.write(generate(made, "legs", "unrolled"), tmp_path), toolchain).violations == ()
