@@ -80,9 +80,13 @@ class Goal:
         """Bytes more than wanted."""
         return 0 if self.max_bytes is None else max(size - self.max_bytes, 0)
 
+    def seeming(self, entry: Entry) -> float:
+        """What a controller seems to be worth: the mean less ``risk`` standard deviations."""
+        return entry.mean - self.risk * entry.std
+
     def value(self, entry: Entry) -> float:
-        """What a controller is surely worth: the mean less ``risk`` standard deviations, less one standard error."""
-        return entry.mean - entry.std * (self.risk + 1.0 / math.sqrt(entry.episodes))
+        """What it is surely worth: that less one standard error."""
+        return self.seeming(entry) - entry.std / math.sqrt(entry.episodes)
 
 
 @dataclass
@@ -246,8 +250,8 @@ class Polish:
             if not children:
                 return
             self._evaluate(children, episodes, counter)
-            children.sort(key=lambda e: wanted[e.size] - e.mean)
-            children = [e for e in children[:most] if wanted[e.size] - e.mean < behind]
+            children.sort(key=lambda e: wanted[e.size] - self.goal.seeming(e))
+            children = [e for e in children[:most] if wanted[e.size] - self.goal.seeming(e) < behind]
         self.archive += children
 
     def _to_beat(self, size: int) -> float:

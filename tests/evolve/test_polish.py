@@ -14,7 +14,7 @@ from bitneat.champion import EnvironmentSpec, load
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
-from bitneat.evolve.polish import Entry, Goal, Polish
+from bitneat.evolve.polish import Entry, Goal, Polish, _Counter
 from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
 from bitneat.sim.environment import EpisodeResult, Shaping
 from tests.sealed import sealed
@@ -112,6 +112,30 @@ def test_risk_prefers_the_controller_that_never_falls() -> None:
     assert Goal().value(bold) > Goal().value(safe)
     assert Goal(risk=0.5).value(bold) < Goal(risk=0.5).value(safe)
     assert Goal(risk=0.5).value(safe) == pytest.approx(323.0 - 0.5 - 0.1)
+
+
+@pytest.mark.parametrize(("risk", "kept"), [(0.0, {"bold", "safe"}), (0.5, {"safe"})])
+def test_who_falls_loses_the_race_where_risk_matters(risk: float, kept: set[str]) -> None:
+    def controller(sign: int) -> Controller:
+        return Controller(START.inputs, (Node((Link(0, 0, 0, sign),), 0, 0, "clamped"),), (Signal(6), Signal(6)), 8)
+
+    named = {controller(1).canonical.sha256: "bold", controller(-1).canonical.sha256: "safe"}
+
+    class Falls(Landscape):
+        """The bold one earns as much in the mean, and falls in every fourth episode."""
+
+        def evaluate(
+            self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        ) -> list[list[EpisodeResult]]:
+            bold = [100.0 - 80.0 * (n % 4 == 3) for n in range(len(seeds))]
+            rewards = {"bold": [r + 20.0 for r in bold], "safe": [100.0] * len(seeds)}
+            rows = [rewards.get(named.get(c.sha256, ""), [95.0] * len(seeds)) for c in controllers]
+            return [[EpisodeResult(r, r, 10, True, False) for r in row] for row in rows]
+
+    polish = Polish([START], Goal(risk=risk), seed=1)
+    polish.archive[0].add([95.0] * 200)
+    polish._race([Entry(controller(sign).canonical) for sign in (1, -1)], _Counter(Falls()))
+    assert {named[e.controller.sha256] for e in polish.archive if e.controller.sha256 in named} == kept
 
 
 def test_where_falls_matter_hundreds_of_episodes_are_run_before_a_controller_is_kept() -> None:
