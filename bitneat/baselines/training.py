@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import random
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -16,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bitneat.baselines import checkpoint
 from bitneat.baselines.actions import action_table
 from bitneat.baselines.dense import dense_from_npz
 from bitneat.baselines.evaluation import HeldOut, network_policy, score
@@ -162,7 +161,7 @@ def _train(
             rows.append([method.steps, method.episodes, method.recent])
             progress(TrainingProgress(name, method.steps, total, method.episodes, method.recent))
             if method.steps - saved >= every or method.steps >= total:
-                _save(folder / CHECKPOINT, method, rows)
+                checkpoint.save(folder / CHECKPOINT, {"state": method.state(), "rows": rows})
                 saved = method.steps
         progress(TrainingProgress(name, method.steps, total, method.episodes, method.recent, "scoring"))
         dense = method.dense()
@@ -275,34 +274,15 @@ def _begin(folder: Path, run: dict[str, Any]) -> None:
     write_json(folder / RUN, run)
 
 
-def _save(path: Path, method: Method, rows: list[Any]) -> None:
-    import torch
-
-    buffer = io.BytesIO()
-    torch.save({"state": method.state(), "rows": rows}, buffer)
-    write_atomic(path, buffer.getvalue())
-
-
 def _restore(path: Path, method: Method) -> list[Any]:
-    import torch
+    rows: list[Any] = []
 
-    if not path.exists():
-        return []
-    try:
-        content = io.BytesIO(read_capped(path, _CAP))
-        with zipfile.ZipFile(content) as archive:  # torch is built to skip the checksums in it
-            bad = archive.testzip()
-        if bad is not None:
-            raise BitneatError(f"{path}: damaged: {bad!r:.80} has another checksum; remove it to begin anew")
-        content.seek(0)
-        # Nothing in the file is run: it holds tensors and plain data alone.
-        data = torch.load(content, weights_only=True)
+    def take(data: Any) -> None:
         method.restore(data["state"])
-        return list(data["rows"])
-    except BitneatError:
-        raise
-    except Exception as error:  # the file may be anyone's
-        raise BitneatError(f"{path}: damaged: {type(error).__name__}; remove it to begin anew") from None
+        rows.extend(data["rows"])
+
+    checkpoint.restore(path, take)
+    return rows
 
 
 def _versions() -> dict[str, str]:

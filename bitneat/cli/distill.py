@@ -42,15 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=whole_number(1, 1024),
         nargs="+",
-        default=[32, 16],
-        help="nodes of each hidden layer (default 32 16)",
+        default=[20, 14],
+        help="nodes of each hidden layer (default 20 14)",
     )
     student.add_argument(
         "--planes",
         type=int,
         choices=(1, 2, 3),
-        default=2,
-        help="weights of up to 1, 3 or 7 times a power of two, as sums of links of weight 1 (default 2)",
+        default=3,
+        help="weights of up to 1, 3 or 7 times a power of two, as sums of links of weight 1 (default 3)",
     )
     training = parser.add_argument_group("training")
     training.add_argument(
@@ -64,8 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--updates",
         metavar="N",
         type=whole_number(1),
-        default=2000,
-        help="steps of the optimizer in each (default 2000)",
+        default=3000,
+        help="steps of the optimizer in each (default 3000)",
     )
     training.add_argument(
         "--reinforce",

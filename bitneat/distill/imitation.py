@@ -46,8 +46,8 @@ Floats = npt.NDArray[np.float32]
 class DistillSettings:
     """How to imitate."""
 
-    hidden: tuple[int, ...] = (32, 16)
-    planes: int = 2
+    hidden: tuple[int, ...] = (20, 14)
+    planes: int = 3
     """Weights are integers of at most 2^planes - 1 times a power of two; 1 gives -1, 0 and 1."""
     rounds: int = 16
     float_rounds: int = 2
@@ -56,7 +56,7 @@ class DistillSettings:
     """Episodes in a round."""
     noise: float = 0.1
     """Standard deviation of what is added to the actions in them."""
-    updates: int = 2000
+    updates: int = 3000
     """Steps of the optimizer (Adam) in a round."""
     batch: int = 2048
     learning_rate: float = 2e-3

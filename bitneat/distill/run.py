@@ -6,10 +6,8 @@ Importing this needs PyTorch.
 
 from __future__ import annotations
 
-import io
 import json
 import random
-import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,6 +15,8 @@ from typing import Any
 
 import torch
 
+from bitneat.baselines import checkpoint
+from bitneat.baselines.training import MAX_SEED
 from bitneat.champion import Champion, FloatChampion, save_json, save_pickle
 from bitneat.controller.packing import pack
 from bitneat.distill.imitation import (
@@ -33,15 +33,15 @@ from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
-from bitneat.evolve.search import Score
-from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
+from bitneat.evolve.recheck import Recheck
+from bitneat.evolve.search import Candidate, Score
+from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_json
 from bitneat.sim.walker.binding import default_threads
 from bitneat.sim.walker.vector import step_limit
 from bitneat.version import __version__
 
 RUN, CHECKPOINT, REINFORCEMENT = "distill.json", "checkpoint.pt", "reinforcement.pt"
 _FORMAT, _VERSION = "bitneat-distill", 1
-_CAP = 1 << 30
 _FINAL, _REPORT = 200, 100
 _EVERY = 15
 """Updates of reinforcement between two evaluations of the controller."""
@@ -92,6 +92,8 @@ def distill(
     Raises:
         BitneatError: if the teacher is not for a walker, or the folder holds something else.
     """
+    if not 0 <= seed <= MAX_SEED:
+        raise BitneatError(f"seed: expected a whole number in 0..{MAX_SEED}, got {seed}")
     reinforce = reinforce or ReinforceSettings()
     run = {
         "format": _FORMAT,
@@ -108,10 +110,10 @@ def distill(
     try:
         imitation = Imitation(teacher, settings, seed)
         evaluator = NativeWalkerEvaluator(imitation.spec, step_limit(imitation.hardcore), default_threads())
-        _restore(folder / CHECKPOINT, imitation.restore)
+        checkpoint.restore(folder / CHECKPOINT, imitation.restore)
         while len(imitation.rows) < settings.rounds:
             row = imitation.advance(evaluator)
-            _save(folder / CHECKPOINT, imitation.state())
+            checkpoint.save(folder / CHECKPOINT, imitation.state())
             tell(row)
         candidates = imitation.candidates
         if reinforce.steps:
@@ -138,7 +140,7 @@ def _reinforced(
         candidates[:] = candidates_from(state["candidates"])
 
     try:
-        _restore(path, restore)
+        checkpoint.restore(path, restore)
         while training.steps < settings.steps:
             for _ in range(_EVERY):
                 if training.steps < settings.steps:
@@ -146,7 +148,7 @@ def _reinforced(
             controller = training.student.controller()
             row = ReinforceRow(training.steps, training.recent, tried(controller, evaluator), len(pack(controller)))
             remember(candidates, row.mean, controller)
-            _save(path, {"training": training.state(), "candidates": candidates_state(candidates)})
+            checkpoint.save(path, {"training": training.state(), "candidates": candidates_state(candidates)})
             tell(row)
     finally:
         training.close()
@@ -159,15 +161,18 @@ def _finish(
     controllers = [controller for _, controller in candidates]
     scores = [Score.of(row) for row in evaluator.evaluate(controllers, selection_seeds(_FINAL))]
     best = max(range(len(scores)), key=lambda i: scores[i].mean)
+    action, max_steps = imitation.teacher.action, step_limit(imitation.hardcore)
+    episodes = evaluator.evaluate([controllers[best]], selection_seeds(1))[0]
+    Recheck(imitation.spec, action, max_steps)(Candidate(controllers[best], 0, tuple(e.reward for e in episodes)))
     score = Score.of(evaluator.evaluate([controllers[best]], report_seeds(_REPORT))[0])
     provenance = {
         "tool": f"bitneat {__version__}",
         "distill": {key: run[key] for key in ("teacher", "seed", "settings", "reinforce")},
         "selection": {**scores[best].to_data(), "first_seed": SELECTION_START},
         "held_out": {**score.to_data(), "first_seed": REPORT_START},
-        "max_steps": step_limit(imitation.hardcore),
+        "max_steps": max_steps,
     }
-    champion = Champion(controllers[best], imitation.teacher.action, imitation.spec, provenance)
+    champion = Champion(controllers[best], action, imitation.spec, provenance)
     save_json(champion, folder / "champion.json")
     save_pickle(champion, folder / "champion.pkl")
     return champion, score
@@ -190,25 +195,3 @@ def _begin(folder: Path, run: dict[str, Any]) -> None:
     make_folder(folder)
     refuse_links(folder)
     write_json(path, run)
-
-
-def _save(path: Path, state: dict[str, Any]) -> None:
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    write_atomic(path, buffer.getvalue())
-
-
-def _restore(path: Path, restore: Callable[[dict[str, Any]], None]) -> None:
-    if not path.exists():
-        return
-    try:
-        content = io.BytesIO(read_capped(path, _CAP))
-        with zipfile.ZipFile(content) as archive:  # torch is built to skip the checksums in it
-            bad = archive.testzip()
-        if bad is not None:
-            raise BitneatError(f"{bad!r:.80} has another checksum")
-        content.seek(0)
-        restore(torch.load(content, weights_only=True))
-    except Exception as error:  # the file may be anyone's
-        reason = str(error) if isinstance(error, BitneatError) else type(error).__name__
-        raise BitneatError(f"{path}: damaged: {reason}; remove it to begin anew") from None

@@ -84,6 +84,8 @@ def test_a_run_that_is_stopped_and_resumed_ends_the_same(tmp_path: Path) -> None
 def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(BitneatError, match="expected a teacher for BipedalWalker"):
         distill(teacher("LunarLander-v3"), SMALL, 0, tmp_path / "lander", tell=lambda row: None)
+    with pytest.raises(BitneatError, match="seed: expected a whole number"):
+        run(tmp_path / "large", seed=2**64)
     run(tmp_path / "run", rounds=2)
     with pytest.raises(BitneatError, match="holds another run of distill"):
         run(tmp_path / "run", rounds=2, seed=5)
