@@ -325,6 +325,14 @@ def test_a_discrete_action_is_a_row_of_the_table(libraries: None) -> None:
 
 
 def test_the_hardcore_walker_is_trained_for_and_scored_on_its_own_ground(libraries: None, tmp_path: Path) -> None:
+    from bitneat.baselines.stable import normalized
+
+    for hardcore in (False, True):
+        walkers = normalized(2, hardcore).venv._envs
+        assert (walkers.spec.kwargs.get("hardcore", False), walkers.spec.max_episode_steps) == (
+            hardcore,
+            2000 if hardcore else 1600,
+        )
     settings = replace(TINY["ppo"], n_envs=64, batch_size=64)
     easy = train("ppo", 600, 0, tmp_path / "easy", settings=settings, report_episodes=3)
     hard = train("ppo", 600, 0, tmp_path / "hard", settings=settings, report_episodes=3, hardcore=True)

@@ -17,6 +17,7 @@ import pytest
 from bitneat.champion import EnvironmentSpec, FloatChampion, load
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
+from bitneat.evolve.evaluation import NativeWalkerEvaluator
 from bitneat.network import FloatNetwork, FloatNode
 from bitneat.sim.walker.episodes import ACTION
 
@@ -25,8 +26,9 @@ pytest.importorskip("stable_baselines3", reason="needs bitneat[baselines]")
 
 import torch
 
-from bitneat.distill.imitation import DistillSettings
-from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
+from bitneat.baselines.vecenv import WalkerVecEnv
+from bitneat.distill.imitation import DistillSettings, Imitation
+from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings, _Falls
 from bitneat.distill.run import CHECKPOINT, ReinforceRow, distill
 from bitneat.distill.student import Student
 
@@ -133,3 +135,27 @@ def test_reinforcement_changes_the_student_once_its_critic_has_begun() -> None:
     assert any(not torch.equal(value, before[name]) for name, value in student.state_dict().items())
     assert training.steps == 64
     training.close()
+
+
+def test_weights_are_integers_once_the_first_rounds_are_over() -> None:
+    imitation = Imitation(teacher(), SMALL, 0)
+    evaluator = NativeWalkerEvaluator(imitation.spec, 2000, 1)
+    for quantized in (False, True, True):
+        row = imitation.advance(evaluator)
+        assert [layer.quantized for layer in imitation.student.layers] == [quantized] * 2
+        assert (row.mean is not None) == quantized
+
+
+def test_a_fall_counts_what_it_is_told_and_all_else_as_it_is() -> None:
+    ours, plain = _Falls(2, True, -20.0), WalkerVecEnv(2, hardcore=True)
+    rewards = []
+    for env in (ours, plain):
+        env.seed(3)
+        env.reset()
+        steps = [env.step(np.ones((2, 4), np.float32))[1:3] for _ in range(300)]
+        rewards.append(np.array([reward for reward, _ in steps]))
+        env.close()
+    falls = rewards[1] == -100.0
+    assert 0 < falls.sum() < 30
+    assert (rewards[0][falls] == -20.0).all()
+    assert (rewards[0][~falls] == rewards[1][~falls]).all()

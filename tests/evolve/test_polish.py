@@ -16,6 +16,8 @@ from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.evolve.polish import Entry, Goal, Polish, _Counter
 from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
+from bitneat.evolve.randomness import REPORT_START, report_seeds
+from bitneat.evolve.search import Score
 from bitneat.sim.environment import EpisodeResult, Shaping
 from tests.sealed import sealed
 
@@ -194,7 +196,8 @@ def test_the_front_is_written_as_champions_with_scores(tmp_path: Path) -> None:
     assert len(found) > 1
     for size, champion in found.items():
         assert len(pack(champion.controller)) == size
-        assert abs(champion.provenance["held_out"]["mean"] - Landscape().reward(champion.controller)) < 2.0
+        score = Score.of(Landscape().evaluate([champion.controller], report_seeds(100))[0])
+        assert champion.provenance["held_out"] == {**score.to_data(), "first_seed": REPORT_START}
 
 
 def test_settings_survive_the_file(tmp_path: Path) -> None:
