@@ -16,8 +16,10 @@ import re
 import signal
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from types import FrameType
 from typing import Any
 
 from bitneat.champion import EnvironmentSpec
@@ -36,6 +38,7 @@ LEAST_EPISODES = {"native": 16, "auto": 2, "gymnasium": 2}
 RETRIES = 20
 """How often a task may lose its worker before the run gives up: machines come and go, but a crash may also repeat for ever."""
 _PATIENCE_SECONDS = 60.0
+_POLL_SECONDS = 0.2
 _KNOCK_SECONDS = 10.0
 _HOST_AND_PORT = re.compile(r"(ray://)?(?P<host>[^/]+):(?P<port>\d{1,5})")
 
@@ -123,12 +126,17 @@ class RayEvaluator:
             BitneatError: if a machine refuses, an episode fails, or the cluster is lost.
         """
         try:
-            return self._evaluate(controllers, seeds, shaping)
+            with _deferred_signals() as deliver:
+                return self._evaluate(controllers, seeds, shaping, deliver)
         except (self._ray.exceptions.RayError, ConnectionError) as error:
             raise BitneatError(f"--evaluator ray: the cluster was lost: {_first_line(error)}") from None
 
     def _evaluate(
-        self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None
+        self,
+        controllers: Sequence[Policy],
+        seeds: Sequence[int],
+        shaping: Shaping | None,
+        deliver: Callable[[], None],
     ) -> list[list[EpisodeResult]]:
         cores = int(self._ray.cluster_resources().get("CPU", 1))
         owners: dict[Any, Chunk] = {}
@@ -137,7 +145,7 @@ class RayEvaluator:
             owners[self._task.remote(self._home, job)] = chunk
         table: list[list[Any]] = [[None] * len(seeds) for _ in controllers]
         try:
-            for reference in self._finished(list(owners)):
+            for reference in self._finished(list(owners), deliver):
                 kind, content = self._ray.get(reference)
                 if kind == "error":
                     raise BitneatError(content)
@@ -151,11 +159,16 @@ class RayEvaluator:
             raise
         return table
 
-    def _finished(self, pending: list[Any]) -> Iterator[Any]:
-        """References as they come in."""
+    def _finished(self, pending: list[Any], deliver: Callable[[], None]) -> Iterator[Any]:
+        """References as they come in; ``deliver`` is called at least every `_POLL_SECONDS`."""
+        heard = time.monotonic()
         while pending:
-            done, pending = self._ray.wait(pending, num_returns=1, timeout=_PATIENCE_SECONDS)
-            if not done:
+            done, pending = self._ray.wait(pending, num_returns=1, timeout=_POLL_SECONDS)
+            deliver()
+            if done:
+                heard = time.monotonic()
+            elif time.monotonic() - heard >= _PATIENCE_SECONDS:
+                heard = time.monotonic()
                 nodes = sum(bool(node["Alive"]) for node in self._ray.nodes())
                 self._warn(f"waiting for {len(pending)} tasks; nodes that are up: {nodes}")
             yield from done
@@ -164,6 +177,39 @@ class RayEvaluator:
         """Disconnect; a cluster that was started here ends."""
         if self._mine:
             self._ray.shutdown()
+
+
+@contextlib.contextmanager
+def _deferred_signals() -> Iterator[Callable[[], None]]:
+    """Keep SIGINT and SIGTERM until what is returned is called, or until the end.
+
+    Their handlers raise, and from within Ray, which frees references at any time, an exception may be lost.
+    """
+    received: list[int] = []
+    handlers: dict[int, Callable[[int, FrameType | None], object]] = {}
+
+    def restore() -> None:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+    def deliver() -> None:
+        if received:
+            restore()  # first: a handler may put another in its own place
+            number = received[0]
+            received.clear()
+            handlers.pop(number)(number, None)
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            if callable(handler):
+                handlers[number] = handler
+                signal.signal(number, lambda number, frame: received.append(number))
+    try:
+        yield deliver
+    finally:
+        restore()
+        deliver()
 
 
 def _ray() -> Any:

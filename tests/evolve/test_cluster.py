@@ -58,6 +58,28 @@ def test_tasks_are_about_four_a_core_and_none_is_tiny() -> None:
     assert sizes(1, 4, 8, 16) == [4]
 
 
+@pytest.mark.parametrize("early", [True, False])
+def test_signals_wait_for_a_place_where_they_can_be_raised(early: bool) -> None:
+    def stop(number: int, frame: object) -> None:
+        raise InterruptedError(number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    reached = []
+    try:
+        with pytest.raises(InterruptedError), clusters._deferred_signals() as deliver:
+            deliver()
+            os.kill(os.getpid(), signal.SIGTERM)
+            reached.append("after the signal")
+            if early:
+                deliver()
+                reached.append("after its delivery")
+        assert reached == ["after the signal"]
+        assert signal.getsignal(signal.SIGTERM) is stop
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 class Nodes:
     """A head with one core, and another node with one."""
 

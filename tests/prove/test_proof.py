@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -196,7 +197,7 @@ def test_machine_code_without_one_of_its_additions_is_refused(tmp_path: Path) ->
     inputs = random_vectors(whose.controller, 1, 3)
     with compiled(code, "cortex-m4") as emulated:
         faults = emulated.faults(inputs)
-    assert len(faults) >= 30
+    assert len(faults) >= 20
     for what, wrong in random.Random(1).sample(faults, 12):
         assert proof_of(whose, wrong, "cortex-m4").verdict != "proved", what
         wrong.close()
@@ -319,7 +320,9 @@ def test_the_command_proves_and_keeps_what_it_proved(folder: Path, capsys: pytes
 def test_an_edited_file_is_refused_with_inputs_that_show_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(ONE) == 0
     path = folder / "walker.c"
-    path.write_text(path.read_text().replace(", 256U)", ", 255U)"))
+    text, edits = re.subn(r"\b256U", "255U", path.read_text(), count=1)
+    assert edits == 1
+    path.write_text(text)
     assert main(ONE) == 1
     printed = capsys.readouterr().out
     assert "NOT PROVED: 0 of 1 binaries" in printed
