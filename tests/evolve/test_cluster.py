@@ -63,16 +63,21 @@ def test_signals_wait_for_a_place_where_they_can_be_raised(early: bool) -> None:
     def stop(number: int, frame: object) -> None:
         raise InterruptedError(number)
 
-    before = signal.signal(signal.SIGTERM, stop)
     reached = []
-    try:
-        with pytest.raises(InterruptedError), clusters._deferred_signals() as deliver:
+
+    def interrupted() -> None:
+        with clusters._deferred_signals() as deliver:
             deliver()
             os.kill(os.getpid(), signal.SIGTERM)
             reached.append("after the signal")
             if early:
                 deliver()
                 reached.append("after its delivery")
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        with pytest.raises(InterruptedError):
+            interrupted()
         assert reached == ["after the signal"]
         assert signal.getsignal(signal.SIGTERM) is stop
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
