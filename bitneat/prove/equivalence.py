@@ -25,6 +25,9 @@ EXHAUSTIVE = 1 << 18
 """Up to so many values of a sum are all tried; for more, a solver is asked first."""
 _LAST_RESORT = 1 << 22
 _CHUNK = 1 << 20
+_FEW = 512
+_COMPUTED = 64
+"""Bits of the widest terms whose values can be computed."""
 _SECONDS_EACH = 20.0
 _SECONDS_GUESS = 2.0
 _SECONDS_WHOLE = 30.0
@@ -303,6 +306,8 @@ class Equivalence:
             self.effort.known += 1
             return True
         total = self._sums[low, high]
+        if not self._somewhere(left, chain, direction, total, moved):
+            return False
         few = high - low < EXHAUSTIVE
         if not few or self._paranoid:
             answer = differ(left, right, seconds=_SECONDS_EACH, paranoid=self._paranoid).outcome
@@ -323,20 +328,40 @@ class Equivalence:
         self, left: Term, chain: Sequence[Cut], direction: Direction, total: Atom, moved: tuple[int, int]
     ) -> bool:
         """Try every value of the sum, against the semantics' own functions."""
+        return all(
+            self._agree(left, chain, direction, total, moved, np.arange(begin, min(begin + _CHUNK, total.high + 1)))
+            for begin in range(total.low, total.high + 1, _CHUNK)
+        )
+
+    def _somewhere(
+        self, left: Term, chain: Sequence[Cut], direction: Direction, total: Atom, moved: tuple[int, int]
+    ) -> bool:
+        """Try few values: what differs mostly differs in these, which takes no solver then."""
+        if any(one.width > _COMPUTED for one in cone([left])):
+            return True
+        spread = np.linspace(total.low, total.high, _FEW).astype(np.int64)
+        middle = np.arange(max(total.low, -_FEW), min(total.high + 1, _FEW))
+        return self._agree(left, chain, direction, total, moved, np.concatenate((spread, middle)))
+
+    def _agree(
+        self,
+        left: Term,
+        chain: Sequence[Cut],
+        direction: Direction,
+        total: Atom,
+        moved: tuple[int, int],
+        sums: IntArray,
+    ) -> bool:
         factor, offset = moved
         mask = np.uint64((1 << left.width) - 1)
-        for begin in range(total.low, total.high + 1, _CHUNK):
-            sums = np.arange(begin, min(begin + _CHUNK, total.high + 1), dtype=np.int64)
-            argument = self._argument(chain[-1], direction, sums)
-            for cut, after in zip(reversed(chain), [*reversed(chain[:-1]), None], strict=True):
-                value = cut.function(argument)
-                if after is not None:
-                    constant, parts = self._terms.linear_parts(after.argument)
-                    argument = value * next(iter(parts.values())) + constant
-            wanted = (value * factor + offset).astype(np.uint64) & mask
-            if not np.array_equal(np.broadcast_to(values_of([left], {total: sums})[0], sums.shape), wanted):
-                return False
-        return True
+        argument = self._argument(chain[-1], direction, sums)
+        for cut, after in zip(reversed(chain), [*reversed(chain[:-1]), None], strict=True):
+            value = cut.function(argument)
+            if after is not None:
+                constant, parts = self._terms.linear_parts(after.argument)
+                argument = value * next(iter(parts.values())) + constant
+        wanted = (value * factor + offset).astype(np.uint64) & mask
+        return np.array_equal(np.broadcast_to(values_of([left], {total: sums})[0], sums.shape), wanted)
 
     def _argument(self, cut: Cut, direction: Direction, sums: IntArray) -> IntArray:
         constant, parts = self._terms.linear_parts(cut.argument)
