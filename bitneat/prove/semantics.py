@@ -27,6 +27,9 @@ from bitneat.verify.vectors import random_vectors
 
 IntArray = npt.NDArray[np.int64]
 
+_TRIED = 1 << 16
+"""Up to so many values of an atom are all tried."""
+
 Kind = Literal["limit", "floor", "clip", "activation", "sum"]
 
 
@@ -243,6 +246,10 @@ class _Builder:
         ):
             self._sum(definition)
             return definition
+        line = self._line(argument, function)
+        if line is not None:
+            self._sum(line)
+            return line
         if definition.op is Op.LIN and len(definition.args) == 1:
             # A multiple of something: a compiler may well compute that, and scale it later.
             constant, factor = definition.params
@@ -256,6 +263,21 @@ class _Builder:
             value = self._known[definition] = self.terms.var(atom, WORD)
             self.model.cuts.append(Cut(value, kind, argument, definition, function))
         return self._known[definition]
+
+    def _line(self, argument: Term, function: Callable[[IntArray], IntArray]) -> Term | None:
+        """The value as a multiple of one atom, if it is one at each of the atom's values, as that of `abs` below 0 is."""
+        constant, parts = self.terms.linear_parts(argument)
+        ((part, factor),) = parts.items() if len(parts) == 1 else [(argument, 0)]
+        atom = part.atom
+        if atom is None or not 0 < atom.high - atom.low < _TRIED:
+            return None
+        atoms = np.arange(atom.low, atom.high + 1, dtype=np.int64)
+        values = function(factor * atoms + constant)
+        slope = int(values[1] - values[0])
+        offset = int(values[0]) - slope * atom.low
+        if not np.array_equal(values, slope * atoms + offset):
+            return None
+        return self.terms.add(self.terms.times(part, slope), self.terms.const(WORD, offset))
 
 
 def _unscaled(function: Callable[[IntArray], IntArray], constant: int, factor: int) -> Callable[[IntArray], IntArray]:

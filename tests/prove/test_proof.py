@@ -115,6 +115,18 @@ def test_a_choice_among_actions_is_proved_and_a_wrong_one_is_not(tmp_path: Path)
     assert {one.function: one.verdict for one in refused.pairs[0].functions}["legs_decide"] == "not proved"
 
 
+def test_a_value_that_is_a_line_where_it_lies_is_taken_for_one(tmp_path: Path) -> None:
+    moved = Node((Link(0),), 512, 0, "identity")  # 256 to 768, and 0 after a reset
+    turned = Node((Link(1, sign=-1),), 0, 0, "abs")
+    after = Node((Link(1, delay=1), Link(2, delay=1, shift=1)), 0, 0, "clamped")
+    drawn = Controller((Input(limit=256),), (moved, turned, after), (Signal(3), Signal(2)), 8)
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert model.previous[2] is model.previous[1]
+    code = CFile.write(generate(drawn, "legs", "table"), tmp_path)
+    report = prove(Champion(drawn, box_action(2), None), [code], targets=["x86-64"], use_cache=False)
+    assert report.passed
+
+
 @pytest.mark.parametrize("seed", [50, 51, 52, 53])
 def test_random_controllers_are_proved(seed: int) -> None:
     for pair in prove_case(case(seed)):
