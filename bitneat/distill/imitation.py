@@ -129,7 +129,7 @@ class Imitation:
         self.hardcore = is_hardcore(spec)
         self.rows: list[RoundRow] = []
         self.candidates: Candidates = []
-        self._label = batched(teacher.network)
+        self._label = batched(teacher.network, exact=False)
         self._observations: list[Floats] = []
         self._actions: list[Floats] = []
         self._past: list[Any] = []

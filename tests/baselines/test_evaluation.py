@@ -44,6 +44,13 @@ def test_many_observations_at_once_give_the_bits_of_one_by_one(seed: int) -> Non
     assert batched(network)(observations).tolist() == [network.step(row) for row in observations]
 
 
+@pytest.mark.parametrize("activation", list(ACTIVATIONS))
+def test_numpys_functions_are_the_same_but_for_the_last_bits(activation: str) -> None:
+    network = FloatNetwork(1, (FloatNode(((0, 1.0),), 0.0, 1.0, activation),), (1,))
+    observations = np.concatenate((np.linspace(-5.0, 5.0, 1001), [-1e4, 1e4]))[:, None]
+    assert batched(network, exact=False)(observations) == pytest.approx(batched(network)(observations), abs=1e-14)
+
+
 @pytest.mark.parametrize("hidden", ["tanh", "relu"])
 def test_layers_give_the_same_bits_too(hidden: str) -> None:
     network = random_dense((24, 9, 7, 4), hidden).to_network()
