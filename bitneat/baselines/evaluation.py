@@ -80,7 +80,8 @@ def batched(network: FloatNetwork, *, exact: bool = True) -> Callable[[npt.NDArr
     """
     blocks = [_Block(network.num_inputs, nodes) for nodes in _alike(network)]
     functions: dict[str, Callable[[Doubles], Doubles]] = {
-        name: np.vectorize(function, otypes=[float]) if exact else _NUMPY[name] for name, function in ACTIVATIONS.items()
+        name: np.vectorize(function, otypes=[float]) if exact else _NUMPY[name]
+        for name, function in ACTIVATIONS.items()
     }
     functions["identity"] = _same
 

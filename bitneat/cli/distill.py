@@ -20,17 +20,18 @@ HELP = "train a ternary controller to imitate a float champion of the walker (ne
 DESCRIPTION = """\
 Trains a small layered network to do what a float champion does, where the small
 one itself goes (DAgger). It computes with integer weights and power-of-two gains
-from early on, so that the controller is what was trained. The same command
-again goes on, if it was stopped. docs/distill.md explains it."""
+from early on, so that the controller is what was trained. With --reinforce it
+goes on by its own reward before that. The same command again goes on, if it was
+stopped. docs/distill.md explains it."""
 EXAMPLE = """\
   bitneat baseline ppo --hardcore -o teacher
   bitneat distill teacher/champion.pkl -o student
-  bitneat distill teacher/champion.pkl --reinforce 50000000 -o better
+  bitneat distill teacher/champion.pkl --reinforce 80000000 -o better
   bitneat distill teacher/champion.pkl --hidden 48 --planes 1 -o smaller"""
 FILES = """\
   TEACHER          read: the champion.pkl or champion.json of a float network
-  RUN/             written: distill.json, checkpoint.pt, reinforcement.pt,
-                   champion.pkl, champion.json"""
+  RUN/             written: distill.json, imitation.pt, reinforcement.pt,
+                   rounding.pt, champion.pkl, champion.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="STEPS",
         type=whole_number(0),
         default=0,
-        help="then go on by PPO for STEPS steps of the environment (default 0)",
+        help="before it has integers, let it go on by PPO for STEPS steps of the environment (default 0)",
     )
     training.add_argument(
         "--seed", metavar="S", type=whole_number(0), default=0, help="seed of all randomness (default 0)"

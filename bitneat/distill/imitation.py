@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Imitation: a student learns what a float network does where the student itself goes (DAgger: Ross, Gordon and Bagnell 2011).
+"""Imitation: a student learns what another network does where the student itself goes (DAgger: Ross, Gordon and Bagnell 2011).
 
 A round walks episodes, the first with the teacher's actions and the others with the student's; the teacher says what it would have
-done in each step of them; and the student learns from all rounds so far. What a round walks depends on the seed, the round and the
-student before it, so that a run that is resumed walks the same episodes again instead of keeping millions of observations on disk.
+done in each step of them; and the student learns from all rounds so far. The teacher may be the student as it was before its
+weights became integers. What a round walks depends on the seed, the round and the student before it, so that a run that is
+resumed walks the same episodes again instead of keeping millions of observations on disk.
 
 Importing this needs PyTorch.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,18 +21,15 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from bitneat.baselines.evaluation import batched
-from bitneat.champion import EnvironmentSpec, FloatChampion
 from bitneat.controller import Controller
 from bitneat.controller.packing import pack
 from bitneat.distill.student import Student
-from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.randomness import SELECTION_START, selection_seeds
-from bitneat.sim.bipedal import is_hardcore, is_walker
 from bitneat.sim.walker.rollout import run_policy
 from bitneat.sim.walker.vector import step_limit
 
+_ACTIONS = 4
 _SELECTION = 32
 _FINALISTS = 5
 _LEAK = 0.01
@@ -85,12 +84,6 @@ Candidates = list[tuple[float, Controller]]
 """The best so far with their means on the selection seeds, the first the best."""
 
 
-def tried(controller: Controller, evaluator: Evaluator) -> float:
-    """Mean official reward on the selection seeds."""
-    episodes = evaluator.evaluate([controller], selection_seeds(_SELECTION))[0]
-    return math.fsum(episode.reward for episode in episodes) / len(episodes)
-
-
 def remember(candidates: Candidates, mean: float, controller: Controller) -> None:
     """Keep the best few."""
     candidates.append((mean, controller))
@@ -98,45 +91,38 @@ def remember(candidates: Candidates, mean: float, controller: Controller) -> Non
     del candidates[_FINALISTS:]
 
 
-def candidates_state(candidates: Candidates) -> list[Any]:
-    """As plain data."""
-    return [[mean, json.dumps(controller.to_data())] for mean, controller in candidates]
-
-
-def candidates_from(state: list[Any]) -> Candidates:
-    """Read what `candidates_state` wrote."""
-    return [(mean, Controller.from_data(json.loads(text))) for mean, text in state]
+Label = Callable[[Floats], npt.NDArray[Any]]
+"""What a teacher does: observations (n, 24) to actions (n, 4)."""
 
 
 class Imitation:
     """The state of a run.
 
     Args:
-        teacher: for a walker.
+        label: the teacher.
+        hardcore: whether it walks in BipedalWalkerHardcore-v3.
         settings: how.
         seed: of all randomness.
-
-    Raises:
-        BitneatError: if the teacher is for something else.
+        start: a student to begin with, which stays as it is; if not given, one begins with random weights.
     """
 
-    def __init__(self, teacher: FloatChampion, settings: DistillSettings, seed: int) -> None:
-        spec = teacher.environment
-        if spec is None or not is_walker(spec):
-            raise BitneatError("distill: expected a teacher for BipedalWalker-v3 or BipedalWalkerHardcore-v3")
-        self.spec: EnvironmentSpec = spec
-        self.teacher, self.settings, self.seed = teacher, settings, seed
-        self.hardcore = is_hardcore(spec)
+    def __init__(
+        self, label: Label, hardcore: bool, settings: DistillSettings, seed: int, start: Student | None = None
+    ) -> None:
+        self.hardcore, self.settings, self.seed = hardcore, settings, seed
         self.rows: list[RoundRow] = []
         self.candidates: Candidates = []
-        self._label = batched(teacher.network, exact=False)
+        self._label = label
         self._observations: list[Floats] = []
         self._actions: list[Floats] = []
         self._past: list[Any] = []
         self._generator = torch.Generator().manual_seed(seed)
         torch.manual_seed(seed)
         self._collect(None)
-        self.student = Student(self._scales(), settings.hidden, len(teacher.network.outputs), settings.planes)
+        scales = self._scales() if start is None else start.scales
+        self.student = Student(scales, settings.hidden, _ACTIONS, settings.planes)
+        if start is not None:
+            self.student.load_state_dict(start.state_dict())
         self._optimizer = torch.optim.Adam(self.student.parameters(), lr=settings.learning_rate)
 
     def _scales(self) -> list[int]:
@@ -152,18 +138,17 @@ class Imitation:
 
         def act(_: npt.NDArray[np.int32], observations: Floats) -> Floats:
             seen.append(observations.copy())
-            if student is None:
-                actions = np.clip(self._label(observations), -1.0, 1.0).astype(np.float32)
-            else:
-                with torch.no_grad():
-                    actions = student(torch.from_numpy(seen[-1])).numpy()
+            actions = self._labels(observations) if student is None else student.act(observations)
             noisy = actions + self.settings.noise * rng.standard_normal(actions.shape)
             return np.clip(noisy, -1.0, 1.0).astype(np.float32)
 
         run_policy(act, seeds, step_limit(self.hardcore), hardcore=self.hardcore)
         observations = np.concatenate(seen)
         self._observations.append(observations)
-        self._actions.append(np.clip(self._label(observations), -1.0, 1.0).astype(np.float32))
+        self._actions.append(self._labels(observations))
+
+    def _labels(self, observations: Floats) -> Floats:
+        return np.clip(self._label(observations), -1.0, 1.0).astype(np.float32)
 
     def advance(self, evaluator: Evaluator) -> RoundRow:
         """Run one round."""
@@ -177,7 +162,8 @@ class Imitation:
         mean = size = None
         if number >= settings.float_rounds:
             controller = self.student.controller()
-            mean, size = tried(controller, evaluator), len(pack(controller))
+            episodes = evaluator.evaluate([controller], selection_seeds(_SELECTION))[0]
+            mean, size = math.fsum(each.reward for each in episodes) / len(episodes), len(pack(controller))
             remember(self.candidates, mean, controller)
         self.rows.append(RoundRow(number + 1, loss, mean, size))
         return self.rows[-1]
@@ -209,14 +195,12 @@ class Imitation:
             "generator": self._generator.get_state(),
             "past": self._past,
             "rows": [list(vars(row).values()) for row in self.rows],
-            "candidates": candidates_state(self.candidates),
+            "candidates": [[mean, json.dumps(controller.to_data())] for mean, controller in self.candidates],
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on where `state` was taken; walks the episodes of its rounds again."""
-        walker = Student(
-            self.student.scales, self.settings.hidden, len(self.teacher.network.outputs), self.settings.planes
-        )
+        walker = Student(self.student.scales, self.settings.hidden, _ACTIONS, self.settings.planes)
         for number, past in enumerate(state["past"], start=1):
             walker.load_state_dict(past)
             walker.quantize(number > self.settings.float_rounds)
@@ -226,4 +210,4 @@ class Imitation:
         self._optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
         self.rows = [RoundRow(*row) for row in state["rows"]]
-        self.candidates = candidates_from(state["candidates"])
+        self.candidates = [(mean, Controller.from_data(json.loads(text))) for mean, text in state["candidates"]]

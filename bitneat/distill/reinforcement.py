@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""A student that goes on by itself: proximal policy optimisation (stable-baselines3) of a network with a controller's weights.
+"""A student that goes on by itself: proximal policy optimisation (stable-baselines3), before its weights become integers.
 
 Imitation ends where a small network cannot follow its teacher; from there on the reward says what of the teacher's walk it can do
-without. The policy is `bitneat.distill.student.Student`, whose forward pass has integer weights, so that what is rewarded is what
-the controller will do. Observations are not normalised, since the controller gets them as they are.
+without. The policy is `bitneat.distill.student.Student` with real weights: with integers, each of which moves the actions by much,
+the same training made students worse. Observations are not normalised, since the controller gets them as they are.
 
 Importing this needs PyTorch and stable-baselines3.
 """
@@ -31,11 +31,13 @@ from bitneat.baselines.vecenv import WalkerVecEnv
 from bitneat.distill.student import Student
 
 _FALL = -100.0
+_LEAST_RATE = 0.02
+"""Of the learning rate, at the end."""
 
 
 @dataclass(frozen=True)
 class ReinforceSettings:
-    """How to go on; of the optimizer what `bitneat.baselines.settings.HARDCORE_PPO` has, where it is not named here."""
+    """How to go on; what is not named here has the library's default."""
 
     steps: int = 0
     """Of the environment; none leaves the student as it is."""
@@ -43,15 +45,16 @@ class ReinforceSettings:
     steps_an_update: int = 128
     """Of each walker."""
     batch: int = 4096
-    epochs: int = 5
+    epochs: int = 4
     learning_rate: float = 3e-4
+    """At the start; it falls to a fiftieth of it."""
     gamma: float = 0.99
     clip_range: float = 0.2
     entropy: float = 0.001
-    log_std: float = -1.2
+    log_std: float = -1.0
     """Logarithm of the actions' standard deviation at the start."""
-    fall: float = -20.0
-    """What a fall counts in training. At the official -100 a student that mostly falls learns to stand still."""
+    fall: float = -60.0
+    """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
 
@@ -107,8 +110,8 @@ class Reinforcement:
     """A training of a student, which it changes in place. In one that is restored episodes begin anew; all else goes on."""
 
     def __init__(self, student: Student, hardcore: bool, settings: ReinforceSettings, seed: int) -> None:
-        self.student, self._settings = student, settings
-        student.quantize(True)
+        self.student, self.hardcore, self._settings = student, hardcore, settings
+        student.quantize(False)
         self._env = VecNormalize(
             _Falls(settings.walkers, hardcore, settings.fall), norm_obs=False, gamma=settings.gamma
         )
@@ -135,6 +138,11 @@ class Reinforcement:
         return int(self._model.num_timesteps)
 
     @property
+    def done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.steps >= self._settings.steps
+
+    @property
     def recent(self) -> float | None:
         """Mean official reward of the latest episodes, explored ones; None if none has ended."""
         return recent_mean(self._model)
@@ -143,7 +151,10 @@ class Reinforcement:
         """One update."""
         for parameter in self.student.parameters():
             parameter.requires_grad_(self._updates >= self._settings.critic_first)
-        chunk = self._settings.walkers * self._settings.steps_an_update
+        settings = self._settings
+        rate = settings.learning_rate * max(1.0 - self.steps / max(settings.steps, 1), _LEAST_RATE)
+        self._model.lr_schedule = lambda progress: rate  # the library's own knows nothing of later calls of learn
+        chunk = settings.walkers * settings.steps_an_update
         self._model.learn(chunk, log_interval=None, reset_num_timesteps=False)
         self._updates += 1
 

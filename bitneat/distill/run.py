@@ -8,27 +8,19 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from bitneat.baselines import checkpoint
+from bitneat.baselines.evaluation import batched
 from bitneat.baselines.training import MAX_SEED
 from bitneat.champion import Champion, FloatChampion, save_json, save_pickle
-from bitneat.controller.packing import pack
-from bitneat.distill.imitation import (
-    Candidates,
-    DistillSettings,
-    Imitation,
-    RoundRow,
-    candidates_from,
-    candidates_state,
-    remember,
-    tried,
-)
+from bitneat.controller import Controller
+from bitneat.distill.imitation import DistillSettings, Imitation, RoundRow
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
@@ -36,15 +28,17 @@ from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seed
 from bitneat.evolve.recheck import Recheck
 from bitneat.evolve.search import Candidate, Score
 from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_json
+from bitneat.sim.bipedal import is_hardcore, is_walker
 from bitneat.sim.walker.binding import default_threads
+from bitneat.sim.walker.rollout import run_policy
 from bitneat.sim.walker.vector import step_limit
 from bitneat.version import __version__
 
-RUN, CHECKPOINT, REINFORCEMENT = "distill.json", "checkpoint.pt", "reinforcement.pt"
-_FORMAT, _VERSION = "bitneat-distill", 1
-_FINAL, _REPORT = 200, 100
+RUN, IMITATION, REINFORCEMENT, ROUNDING = "distill.json", "imitation.pt", "reinforcement.pt", "rounding.pt"
+_FORMAT, _VERSION = "bitneat-distill", 2
+_TRIED, _FINAL, _REPORT = 32, 200, 100
 _EVERY = 15
-"""Updates of reinforcement between two evaluations of the controller."""
+"""Updates of reinforcement between two evaluations of the student."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +49,16 @@ class ReinforceRow:
     recent: float | None
     """As of `bitneat.distill.reinforcement.Reinforcement`."""
     mean: float
-    """Of the controller on the selection seeds."""
-    packed_bytes: int
+    """Of the student, whose weights are real numbers, without noise and on the selection seeds."""
 
     @property
     def line(self) -> str:
         """For whoever watches."""
         recent = "-" if self.recent is None else f"{self.recent:.1f}"
-        return f"steps {self.steps} recent mean {recent} reward {self.mean:.1f} in {self.packed_bytes} bytes"
+        return f"steps {self.steps} recent mean {recent} reward {self.mean:.1f} with real weights"
+
+
+Tell = Callable[[RoundRow | ReinforceRow], None]
 
 
 def distill(
@@ -71,10 +67,13 @@ def distill(
     seed: int,
     folder: Path,
     *,
-    tell: Callable[[RoundRow | ReinforceRow], None],
+    tell: Tell,
     reinforce: ReinforceSettings | None = None,
 ) -> tuple[Champion, Score]:
     """Train a student, and write the best controller that it was as a champion.
+
+    With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and then a second student,
+    which begins with its weights, imitates it with integers. Without, the student imitates the teacher all along.
 
     If the folder holds the same run, it goes on from there.
 
@@ -84,7 +83,7 @@ def distill(
         seed: of all randomness.
         folder: made if it is not there.
         tell: told after each round, and now and then in the reinforcement.
-        reinforce: how to go on afterwards, if at all.
+        reinforce: how to go on by itself, if at all.
 
     Returns:
         The champion, and its score on the report seeds.
@@ -92,6 +91,9 @@ def distill(
     Raises:
         BitneatError: if the teacher is not for a walker, or the folder holds something else.
     """
+    spec = teacher.environment
+    if spec is None or not is_walker(spec):
+        raise BitneatError("distill: expected a teacher for BipedalWalker-v3 or BipedalWalkerHardcore-v3")
     if not 0 <= seed <= MAX_SEED:
         raise BitneatError(f"seed: expected a whole number in 0..{MAX_SEED}, got {seed}")
     reinforce = reinforce or ReinforceSettings()
@@ -104,66 +106,68 @@ def distill(
         "reinforce": asdict(reinforce) if reinforce.steps else None,
     }
     _begin(folder, run)
+    hardcore = is_hardcore(spec)
+    evaluator = NativeWalkerEvaluator(spec, step_limit(hardcore), default_threads())
+    label = batched(teacher.network, exact=False)
     threads = torch.get_num_threads()
     torch_state, python_state = torch.get_rng_state(), random.getstate()
     torch.set_num_threads(1)
     try:
-        imitation = Imitation(teacher, settings, seed)
-        evaluator = NativeWalkerEvaluator(imitation.spec, step_limit(imitation.hardcore), default_threads())
-        checkpoint.restore(folder / CHECKPOINT, imitation.restore)
-        while len(imitation.rows) < settings.rounds:
-            row = imitation.advance(evaluator)
-            checkpoint.save(folder / CHECKPOINT, imitation.state())
-            tell(row)
-        candidates = imitation.candidates
         if reinforce.steps:
-            candidates = _reinforced(folder / REINFORCEMENT, imitation, reinforce, evaluator, tell)
+            first = replace(settings, rounds=settings.float_rounds)
+            student = _imitated(folder / IMITATION, Imitation(label, hardcore, first, seed), evaluator, tell).student
+            _reinforced(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
+            settings = replace(settings, float_rounds=0)
+            last = Imitation(student.act, hardcore, settings, seed, start=student)
+        else:
+            last = Imitation(label, hardcore, settings, seed)
+        candidates = _imitated(folder / ROUNDING, last, evaluator, tell).candidates
     finally:
         torch.set_num_threads(threads)
         torch.set_rng_state(torch_state)
         random.setstate(python_state)
-    return _finish(folder, imitation, candidates, evaluator, run)
+    return _finish(folder, teacher, [controller for _, controller in candidates], evaluator, run)
 
 
-def _reinforced(
-    path: Path,
-    imitation: Imitation,
-    settings: ReinforceSettings,
-    evaluator: Evaluator,
-    tell: Callable[[ReinforceRow], None],
-) -> Candidates:
-    candidates = list(imitation.candidates)
-    training = Reinforcement(imitation.student, imitation.hardcore, settings, imitation.seed)
+def _imitated(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell) -> Imitation:
+    checkpoint.restore(path, imitation.restore)
+    while len(imitation.rows) < imitation.settings.rounds:
+        row = imitation.advance(evaluator)
+        checkpoint.save(path, imitation.state())
+        tell(row)
+    return imitation
 
-    def restore(state: dict[str, Any]) -> None:
-        training.restore(state["training"])
-        candidates[:] = candidates_from(state["candidates"])
 
+def _reinforced(path: Path, training: Reinforcement, tell: Tell) -> None:
     try:
-        checkpoint.restore(path, restore)
-        while training.steps < settings.steps:
+        checkpoint.restore(path, training.restore)
+        while not training.done:
             for _ in range(_EVERY):
-                if training.steps < settings.steps:
+                if not training.done:
                     training.advance()
-            controller = training.student.controller()
-            row = ReinforceRow(training.steps, training.recent, tried(controller, evaluator), len(pack(controller)))
-            remember(candidates, row.mean, controller)
-            checkpoint.save(path, {"training": training.state(), "candidates": candidates_state(candidates)})
-            tell(row)
+            checkpoint.save(path, training.state())
+            tell(ReinforceRow(training.steps, training.recent, _walked(training)))
     finally:
         training.close()
-    return candidates
+
+
+def _walked(training: Reinforcement) -> float:
+    """Mean reward of the student as it is."""
+    seeds, limit = selection_seeds(_TRIED), step_limit(training.hardcore)
+    rewards, _ = run_policy(lambda _, seen: training.student.act(seen), seeds, limit, hardcore=training.hardcore)
+    return float(rewards.mean())
 
 
 def _finish(
-    folder: Path, imitation: Imitation, candidates: Candidates, evaluator: Evaluator, run: dict[str, Any]
+    folder: Path, teacher: FloatChampion, controllers: Sequence[Controller], evaluator: Evaluator, run: dict[str, Any]
 ) -> tuple[Champion, Score]:
-    controllers = [controller for _, controller in candidates]
+    spec = teacher.environment
+    assert spec is not None
     scores = [Score.of(row) for row in evaluator.evaluate(controllers, selection_seeds(_FINAL))]
     best = max(range(len(scores)), key=lambda i: scores[i].mean)
-    action, max_steps = imitation.teacher.action, step_limit(imitation.hardcore)
+    action, max_steps = teacher.action, step_limit(is_hardcore(spec))
     episodes = evaluator.evaluate([controllers[best]], selection_seeds(1))[0]
-    Recheck(imitation.spec, action, max_steps)(Candidate(controllers[best], 0, tuple(e.reward for e in episodes)))
+    Recheck(spec, action, max_steps)(Candidate(controllers[best], 0, tuple(e.reward for e in episodes)))
     score = Score.of(evaluator.evaluate([controllers[best]], report_seeds(_REPORT))[0])
     provenance = {
         "tool": f"bitneat {__version__}",
@@ -172,7 +176,7 @@ def _finish(
         "held_out": {**score.to_data(), "first_seed": REPORT_START},
         "max_steps": max_steps,
     }
-    champion = Champion(controllers[best], action, imitation.spec, provenance)
+    champion = Champion(controllers[best], action, spec, provenance)
     save_json(champion, folder / "champion.json")
     save_pickle(champion, folder / "champion.pkl")
     return champion, score

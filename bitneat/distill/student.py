@@ -17,6 +17,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import nn
 from torch.nn.functional import hardtanh, linear
@@ -108,6 +109,12 @@ class Student(nn.Module):
     def forward(self, observations: Any) -> Any:
         """The outputs, in -1 to 1."""
         return hardtanh(self.before_clamping(observations))
+
+    def act(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """`forward` on arrays."""
+        with torch.no_grad():
+            actions: npt.NDArray[np.float32] = self(torch.from_numpy(observations)).numpy()
+        return actions
 
     def controller(self) -> Controller:
         """The controller that this network is, but for its signals' rounding."""

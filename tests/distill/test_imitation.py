@@ -26,12 +26,14 @@ pytest.importorskip("stable_baselines3", reason="needs bitneat[baselines]")
 
 import torch
 
+from bitneat.baselines.evaluation import batched
 from bitneat.baselines.vecenv import WalkerVecEnv
 from bitneat.distill.imitation import DistillSettings, Imitation
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings, _Falls
-from bitneat.distill.run import CHECKPOINT, ReinforceRow, distill
+from bitneat.distill.run import ROUNDING, distill
 from bitneat.distill.student import Student
 
+HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
 SMALL = DistillSettings(hidden=(6,), rounds=4, float_rounds=1, walkers=3, updates=40, batch=64)
 
 
@@ -91,37 +93,67 @@ def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
     run(tmp_path / "run", rounds=2)
     with pytest.raises(BitneatError, match="holds another run of distill"):
         run(tmp_path / "run", rounds=2, seed=5)
-    checkpoint = tmp_path / "run" / CHECKPOINT
+    checkpoint = tmp_path / "run" / ROUNDING
     content = bytearray(checkpoint.read_bytes())
     for at in range(len(content) // 2, len(content) // 2 + 256):  # more than the padding between two entries
         content[at] ^= 1
     checkpoint.write_bytes(bytes(content))
-    with pytest.raises(BitneatError, match=r"checkpoint\.pt: damaged: [^\n]*remove it to begin anew$"):
+    with pytest.raises(BitneatError, match=r"rounding\.pt: damaged: [^\n]*remove it to begin anew$"):
         run(tmp_path / "run", rounds=2)
     (tmp_path / "run" / "distill.json").write_text(json.dumps({})[:1])
     with pytest.raises(BitneatError, match=r"distill\.json: damaged"):
         run(tmp_path / "run", rounds=2)
 
 
-def test_a_student_goes_on_by_reinforcement_and_after_an_interruption(tmp_path: Path) -> None:
+def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(tmp_path: Path) -> None:
     settings = ReinforceSettings(steps=16 * 64, walkers=8, steps_an_update=8, batch=32, epochs=1, critic_first=2)
     rows: list[Any] = []
 
     def stop(row: Any) -> None:
         rows.append(row)
-        if isinstance(row, ReinforceRow):
+        if len(rows) in (1, 2, 4):
             raise InterruptedError
 
-    with pytest.raises(InterruptedError):
-        distill(teacher(), SMALL, 2, tmp_path, tell=stop, reinforce=settings)
-    assert rows[-1].steps == 15 * 64
+    for number in (1, 2, 4):
+        with pytest.raises(InterruptedError):
+            distill(teacher(), SMALL, 2, tmp_path, tell=stop, reinforce=settings)
+        assert len(rows) == number
     champion, score = distill(teacher(), SMALL, 2, tmp_path, tell=rows.append, reinforce=settings)
-    assert [row.steps for row in rows[4:]] == [15 * 64, 16 * 64]
+    assert rows[0].mean is None
+    assert [row.steps for row in rows[1:3]] == [15 * 64, 16 * 64]
+    assert [row.number for row in rows[3:]] == [1, 2, 3, 4]
+    assert all(row.mean is not None for row in rows[1:])
     assert champion.provenance["distill"]["reinforce"]["steps"] == 1024
     assert champion.provenance["held_out"]["mean"] == score.mean
     assert champion.controller.is_ternary
     with pytest.raises(BitneatError, match="holds another run"):
         distill(teacher(), SMALL, 2, tmp_path, tell=rows.append)
+
+
+def test_a_student_that_rounds_its_own_weights_begins_near_them() -> None:
+    torch.manual_seed(3)
+    start = Student([1] * 24, [6], 4, 3)
+    start.quantize(False)
+    before = {name: value.clone() for name, value in start.state_dict().items()}
+    settings = replace(SMALL, planes=3, float_rounds=0, updates=1)
+    losses = []
+    for given in (start, None):
+        imitation = Imitation(start.act, True, settings, 0, start=given)
+        losses.append(imitation.advance(NativeWalkerEvaluator(HARDCORE, 2000, 1)).loss)
+        assert imitation.student.layers[0].quantized
+    assert losses[0] < 0.1 * losses[1]
+    assert all(torch.equal(value, before[name]) for name, value in start.state_dict().items())
+
+
+def test_the_learning_rate_of_reinforcement_falls_to_the_end() -> None:
+    settings = ReinforceSettings(steps=4 * 32, walkers=4, steps_an_update=8, batch=16, epochs=1, learning_rate=1e-2)
+    training = Reinforcement(Student([1] * 24, [5], 4, 2), hardcore=False, settings=settings, seed=0)
+    rates = []
+    while not training.done:
+        training.advance()
+        rates.append(training._model.policy.optimizer.param_groups[0]["lr"])
+    training.close()
+    assert rates == pytest.approx([1e-2, 0.75e-2, 0.5e-2, 0.25e-2])
 
 
 def test_reinforcement_changes_the_student_once_its_critic_has_begun() -> None:
@@ -138,8 +170,8 @@ def test_reinforcement_changes_the_student_once_its_critic_has_begun() -> None:
 
 
 def test_weights_are_integers_once_the_first_rounds_are_over() -> None:
-    imitation = Imitation(teacher(), SMALL, 0)
-    evaluator = NativeWalkerEvaluator(imitation.spec, 2000, 1)
+    imitation = Imitation(batched(teacher().network), True, SMALL, 0)
+    evaluator = NativeWalkerEvaluator(HARDCORE, 2000, 1)
     for quantized in (False, True, True):
         row = imitation.advance(evaluator)
         assert [layer.quantized for layer in imitation.student.layers] == [quantized] * 2
