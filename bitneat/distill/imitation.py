@@ -119,11 +119,16 @@ class Imitation:
         self._generator = torch.Generator().manual_seed(seed)
         torch.manual_seed(seed)
         self._collect(None)
-        scales = self._scales() if start is None else start.scales
-        self.student = Student(scales, settings.hidden, _ACTIONS, settings.planes)
-        if start is not None:
-            self.student.load_state_dict(start.state_dict())
-        self._optimizer = torch.optim.Adam(self.student.parameters(), lr=settings.learning_rate)
+        if start is None:
+            start = Student(self._scales(), settings.hidden, _ACTIONS, settings.planes)
+        self._begin_with(self._student(start.state()))
+
+    def _student(self, state: dict[str, Any]) -> Student:
+        return Student.from_state(state, self.settings.hidden, _ACTIONS, self.settings.planes)
+
+    def _begin_with(self, student: Student) -> None:
+        self.student = student
+        self._optimizer = torch.optim.Adam(student.parameters(), lr=self.settings.learning_rate)
 
     def _scales(self) -> list[int]:
         deviations = np.maximum(np.concatenate(self._observations).std(axis=0), 1e-3)
@@ -154,9 +159,11 @@ class Imitation:
         """Run one round."""
         settings, number = self.settings, len(self.rows)
         if number:
-            self._past.append({name: value.clone() for name, value in self.student.state_dict().items()})
+            self._past.append(self.student.state())
             self.student.quantize(number > settings.float_rounds)
             self._collect(self.student)
+        if number == settings.float_rounds:
+            self._begin_with(self.student.balanced())
         self.student.quantize(number >= settings.float_rounds)
         loss = self._learn(number)
         mean = size = None
@@ -190,7 +197,7 @@ class Imitation:
     def state(self) -> dict[str, Any]:
         """All that `restore` needs: tensors and plain data."""
         return {
-            "student": self.student.state_dict(),
+            "student": self.student.state(),
             "optimizer": self._optimizer.state_dict(),
             "generator": self._generator.get_state(),
             "past": self._past,
@@ -200,13 +207,12 @@ class Imitation:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on where `state` was taken; walks the episodes of its rounds again."""
-        walker = Student(self.student.scales, self.settings.hidden, _ACTIONS, self.settings.planes)
         for number, past in enumerate(state["past"], start=1):
-            walker.load_state_dict(past)
+            walker = self._student(past)
             walker.quantize(number > self.settings.float_rounds)
             self._collect(walker)
         self._past = list(state["past"])
-        self.student.load_state_dict(state["student"])
+        self._begin_with(self._student(state["student"]))
         self._optimizer.load_state_dict(state["optimizer"])
         self._generator.set_state(state["generator"])
         self.rows = [RoundRow(*row) for row in state["rows"]]

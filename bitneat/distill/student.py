@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
 """A layered network that is trained in floating point but computes with a controller's weights, and the controller that it is.
 
-A node's weights are integers from -(2^p - 1) to 2^p - 1 times one power of two, so that a controller has them exactly: p binary
-planes of links with weights ±1, the plane of 2^k through an identity node of gain k, and the node's own gain. The forward pass
-uses the integers, the backward pass the real numbers behind them (straight-through: Bengio, Léonard and Courville 2013).
-With one plane the weights are -1, 0 and +1, chosen as in ternary weight networks (Li, Zhang and Liu 2016).
+A node's weights and bias are integers from -(2^p - 1) to 2^p - 1 times one power of two, so that a controller has them exactly: p
+binary planes of links with weights ±1 and a bias of ±1, the plane of 2^k through an identity node of gain k, and the node's own
+gain. The forward pass uses the integers, the backward pass the real numbers behind them (straight-through: Bengio, Léonard and
+Courville 2013).
 
 Importing this needs PyTorch.
 """
@@ -27,43 +27,52 @@ from bitneat.controller.ir import GAIN_RANGE
 
 FRAC_BITS = 8
 LIMIT = 2047
-"""Of each input, in units of 2^-8: beyond 8 an observation is clipped."""
-_THRESHOLD = 0.7
-"""Of ternary weights: those below this part of the mean magnitude are zero (Li, Zhang and Liu 2016)."""
-_SPREAD = 2.5
-"""The largest integer stands for this many mean magnitudes; a normal distribution has 5 % beyond."""
+"""Of an input, in units of 2^-8: beyond 8, times the power of two that it is scaled by, an observation is clipped."""
+_LEAST_SHIFT = -4
+"""How many powers of two an input that matters little may be scaled by less than the one that matters most."""
 
 
 class QuantizedLinear(nn.Module):
-    """A layer whose rows have integer weights times a power of two, and a bias of -1, 0 or 1 times the same.
+    """A layer whose rows have integer weights and an integer bias times a power of two.
 
     Args:
         inputs: columns.
         outputs: rows.
-        planes: p; weights are integers of at most 2^p - 1.
+        planes: p; integers are at most 2^p - 1.
     """
 
     def __init__(self, inputs: int, outputs: int, planes: int) -> None:
         super().__init__()
         self.weight = nn.Parameter(torch.randn(outputs, inputs) / math.sqrt(inputs))
         self.bias = nn.Parameter(torch.zeros(outputs))
+        self.register_buffer("exponents", torch.zeros(outputs))
+        self.largest = float((1 << planes) - 1)
         self.planes = planes
-        self.quantized = True
+        self.quantized = False
+
+    def quantize(self, on: bool) -> None:
+        """Whether to compute with the integers; if so, each row's power of two is now the one with the least squared error."""
+        self.quantized = on
+        if not on:
+            return
+        with torch.no_grad():
+            candidates = torch.arange(GAIN_RANGE[0], GAIN_RANGE[1] + 1, dtype=torch.float32)[:, None, None]
+            both = torch.cat((self.weight, self.bias[:, None]), dim=1)
+            error = ((self._rounded(both, candidates) * torch.exp2(candidates) - both) ** 2).sum(2)
+            self.exponents.copy_(candidates[error.argmin(0), 0, 0])
+
+    def _rounded(self, values: Any, exponents: Any) -> Any:
+        return torch.round(values / torch.exp2(exponents)).clamp(-self.largest, self.largest)
 
     def integers(self) -> tuple[Any, Any, Any]:
         """Integer weights (outputs, inputs), integer biases (outputs,) and exponents of two (outputs,)."""
-        size = self.weight.abs()
-        if self.planes == 1:
-            kept = (size > _THRESHOLD * size.mean(1, keepdim=True)).float()
-            typical = (size * kept).sum(1) / kept.sum(1).clamp(min=1.0)
-            exponents = torch.round(torch.log2(typical)).clamp(*GAIN_RANGE)
-            weights = torch.sign(self.weight) * kept
-        else:
-            largest = (1 << self.planes) - 1
-            exponents = torch.round(torch.log2(_SPREAD * size.mean(1) / largest)).clamp(*GAIN_RANGE)
-            weights = torch.round(self.weight / torch.exp2(exponents)[:, None]).clamp(-largest, largest)
-        biases = torch.round(self.bias / torch.exp2(exponents)).clamp(-1.0, 1.0)
-        return weights, biases, exponents
+        weights = self._rounded(self.weight, self.exponents[:, None])
+        biases = self._rounded(self.bias, self.exponents)
+        bits = weights.abs().int()
+        kept = torch.ones_like(biases, dtype=torch.int32)
+        for plane in range(1, self.planes):  # a node of a bias alone would be a constant, which is no longer ternary
+            kept |= (bits >> plane & 1).amax(1) << plane
+        return weights, biases.sign() * (biases.abs().int() & kept), self.exponents
 
     def forward(self, x: Any) -> Any:
         """(n, inputs) to (n, outputs)."""
@@ -78,30 +87,69 @@ class QuantizedLinear(nn.Module):
 
 
 class Student(nn.Module):
-    """Layers of clamped nodes over rounded observations.
+    """Layers of clamped nodes over rounded observations; it begins with real weights.
 
     Args:
         scales: of the inputs: an observation counts 2^scale times.
         hidden: nodes of each hidden layer.
         num_outputs: nodes of the last.
         planes: as of `QuantizedLinear`.
+        shifts: how much of each scale it was given by `balanced`, which lets it be clipped that much later.
     """
 
-    def __init__(self, scales: Sequence[int], hidden: Sequence[int], num_outputs: int, planes: int) -> None:
+    def __init__(
+        self,
+        scales: Sequence[int],
+        hidden: Sequence[int],
+        num_outputs: int,
+        planes: int,
+        shifts: Sequence[int] | None = None,
+    ) -> None:
         super().__init__()
-        self.scales, self.num_outputs = tuple(scales), num_outputs
+        self.scales, self.hidden, self.num_outputs, self.planes = tuple(scales), tuple(hidden), num_outputs, planes
+        self.shifts = tuple(shifts or [0] * len(scales))
+        self.limits = tuple(int(LIMIT * 2.0**shift) for shift in self.shifts)
         self.register_buffer("_factor", torch.tensor([2.0 ** (FRAC_BITS + s) for s in scales]), persistent=False)
+        self.register_buffer("_limit", torch.tensor(self.limits, dtype=torch.float32), persistent=False)
         sizes = [len(self.scales), *hidden, num_outputs]
         self.layers = nn.ModuleList(QuantizedLinear(a, b, planes) for a, b in pairwise(sizes))
 
+    def state(self) -> dict[str, Any]:
+        """Tensors and plain data, from which `from_state` makes it again; whether it is quantized is not among them."""
+        tensors = {name: value.detach().clone() for name, value in self.state_dict().items()}
+        return {"scales": list(self.scales), "shifts": list(self.shifts), "tensors": tensors}
+
+    @classmethod
+    def from_state(cls, state: dict[str, Any], hidden: Sequence[int], num_outputs: int, planes: int) -> Student:
+        """Read what `state` wrote."""
+        student = cls(state["scales"], hidden, num_outputs, planes, state["shifts"])
+        student.load_state_dict(state["tensors"])
+        return student
+
     def quantize(self, on: bool) -> None:
-        """Whether the forward pass uses the integers."""
+        """As `QuantizedLinear.quantize`, in every layer."""
         for layer in self.layers:
-            layer.quantized = on
+            layer.quantize(on)
+
+    def balanced(self) -> Student:
+        """The same function but for rounding, with the inputs scaled so that the first layer's columns are about the same size.
+
+        A row's integers share one power of two, and inputs that matter much beside others that matter little would take all of it.
+        """
+        with torch.no_grad():
+            size = self.layers[0].weight.square().mean(0).sqrt().clamp(min=1e-6)
+            # Sums of signals are clipped, too, so the largest must not become much larger; nor the smallest too coarse.
+            shifts = torch.round(torch.log2(size / size.max())).clamp(min=_LEAST_SHIFT) + 1.0
+            whole = [int(shift) for shift in shifts]
+            scales = [scale + shift for scale, shift in zip(self.scales, whole, strict=True)]
+            student = Student(scales, self.hidden, self.num_outputs, self.planes, whole)
+            student.load_state_dict(self.state_dict())
+            student.layers[0].weight /= torch.exp2(shifts)
+        return student
 
     def before_clamping(self, observations: Any) -> Any:
         """The sums of the last layer's nodes: observations (n, inputs) to (n, outputs)."""
-        x = torch.round(observations * self._factor).clamp(-LIMIT, LIMIT) / (1 << FRAC_BITS)
+        x = torch.clamp(torch.round(observations * self._factor), -self._limit, self._limit) / (1 << FRAC_BITS)
         for layer in list(self.layers)[:-1]:
             x = hardtanh(layer(x))
         return self.layers[-1](x)
@@ -125,18 +173,19 @@ class Student(nn.Module):
             sources = range(first, first + count)
             sums = []
             for row, bias, exponent in zip(weights, biases, exponents, strict=True):
-                links = []
+                links, least = [], 0
                 for plane in range(layer.planes):
                     chosen = np.flatnonzero(np.abs(row) >> plane & 1)
                     own = [Link(sources[i], 0, 0, int(np.sign(row[i]))) for i in chosen]
+                    constant = int(np.sign(bias) * (abs(bias) >> plane & 1)) << FRAC_BITS
                     if plane == 0:
-                        links += own
-                    elif own:
+                        links, least = own, constant
+                    elif own or constant:
                         links.append(Link(len(self.scales) + len(nodes), 0, 0, 1))
-                        nodes.append(Node(tuple(sorted(own)), 0, plane, "identity"))
-                sums.append(Node(tuple(sorted(links)), int(bias) << FRAC_BITS, int(exponent), "clamped"))
+                        nodes.append(Node(tuple(sorted(own)), constant, plane, "identity"))
+                sums.append(Node(tuple(sorted(links)), least, int(exponent), "clamped"))
             first, count = len(self.scales) + len(nodes), len(sums)
             nodes += sums
-        inputs = tuple(Input(scale=scale, limit=LIMIT) for scale in self.scales)
+        inputs = tuple(Input(scale, limit) for scale, limit in zip(self.scales, self.limits, strict=True))
         outputs = tuple(Signal(first + i) for i in range(count))
         return Controller(inputs, tuple(nodes), outputs, FRAC_BITS).canonical

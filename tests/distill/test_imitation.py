@@ -134,7 +134,7 @@ def test_a_student_that_rounds_its_own_weights_begins_near_them() -> None:
     torch.manual_seed(3)
     start = Student([1] * 24, [6], 4, 3)
     start.quantize(False)
-    before = {name: value.clone() for name, value in start.state_dict().items()}
+    before = start.state()["tensors"]
     settings = replace(SMALL, planes=3, float_rounds=0, updates=1)
     losses = []
     for given in (start, None):
