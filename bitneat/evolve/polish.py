@@ -25,10 +25,13 @@ from bitneat.evolve.variation import vary
 OBJECTIVES = ("reward", "size")
 
 _CHILDREN = 160
-_RACE = ((3, 32, 60.0), (6, 12, 12.0), (14, 6, 4.0), (40, 4, 1.0))
+Stage = tuple[int, int, float]
+_RACE: Sequence[Stage] = ((3, 32, 60.0), (6, 12, 12.0), (14, 6, 4.0), (40, 4, 1.0))
 """More episodes, how many go on at most, and how far behind they may be."""
-_CAREFUL_RACE = (*_RACE, (140, 4, 1.0))
-"""Where falls matter, what enters the archive has shown in some two hundred episodes how often it falls."""
+_LONGER = ((25.0, (140, 4, 1.0)), (45.0, (400, 2, 1.0)))
+"""How the race goes on where the best controller's rewards deviate by so much: sixty episodes would be wrong by more than what
+most changes are worth, and the lucky ones would take the archive over. The first is run wherever falls matter, too: what enters the
+archive has shown in some two hundred episodes how often it falls."""
 _PARENTS = 10
 _PER_SIZE = 4
 _PARENT_EPISODES = 6
@@ -185,11 +188,14 @@ class Polish:
         """Run one generation."""
         counter = _Counter(evaluator)
         if self._fresh:
-            self._evaluate(self.archive, _CAREFUL_FIRST_EPISODES if self.goal.risk else _FIRST_EPISODES, counter)
+            self._evaluate(self.archive, _FIRST_EPISODES, counter)
+            if len(self._stages()) > len(_RACE):
+                self._evaluate(self.archive, _CAREFUL_FIRST_EPISODES, counter)
             self._fresh = False
         parents = self._parents()
-        self._race(self._children(parents), counter)
-        more = _CAREFUL_PARENT_EPISODES if self.goal.risk else _PARENT_EPISODES
+        stages = self._stages()
+        self._race(self._children(parents), stages, counter)
+        more = _PARENT_EPISODES if len(stages) == len(_RACE) else _CAREFUL_PARENT_EPISODES
         self._evaluate([p for p in parents if p.episodes < _MOST_EPISODES], more, counter)
         self._tidy()
         self.generation += 1
@@ -244,9 +250,16 @@ class Polish:
                 children.append(child)
         return children
 
-    def _race(self, children: list[Entry], counter: _Counter) -> None:
+    def _stages(self) -> Sequence[Stage]:
+        """More episodes, how many children go on at most, and how far behind they may be."""
+        deviation = min(self.archive, key=self._rank).std
+        if self.goal.risk:
+            deviation = max(deviation, _LONGER[0][0])
+        return [*_RACE, *(stage for least, stage in _LONGER if deviation >= least)]
+
+    def _race(self, children: list[Entry], stages: Sequence[Stage], counter: _Counter) -> None:
         wanted = {child.size: self._to_beat(child.size) for child in children}
-        for episodes, most, behind in _CAREFUL_RACE if self.goal.risk else _RACE:
+        for episodes, most, behind in stages:
             if not children:
                 return
             self._evaluate(children, episodes, counter)

@@ -4,7 +4,7 @@
 import json
 import random
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +136,7 @@ def test_who_falls_loses_the_race_where_risk_matters(risk: float, kept: set[str]
 
     polish = Polish([START], Goal(risk=risk), seed=1)
     polish.archive[0].add([95.0] * 200)
-    polish._race([Entry(controller(sign).canonical) for sign in (1, -1)], _Counter(Falls()))
+    polish._race([Entry(controller(sign).canonical) for sign in (1, -1)], polish._stages(), _Counter(Falls()))
     assert {named[e.controller.sha256] for e in polish.archive if e.controller.sha256 in named} == kept
 
 
@@ -145,6 +145,26 @@ def test_where_falls_matter_hundreds_of_episodes_are_run_before_a_controller_is_
     for _ in range(3):
         polish.advance(Landscape())
     assert min(entry.episodes for entry in polish.archive) > 200
+
+
+@pytest.mark.parametrize(("deviation", "least"), [(10.0, 60), (30.0, 200), (80.0, 600)])
+def test_the_more_rewards_vary_the_more_episodes_are_run_before_a_controller_is_kept(
+    deviation: float, least: int
+) -> None:
+    class Varying(Landscape):
+        def evaluate(
+            self, controllers: Sequence[Controller], seeds: Sequence[int], shaping: Shaping | None = None
+        ) -> list[list[EpisodeResult]]:
+            noise = [deviation if seed % 2 else -deviation for seed in seeds]
+            rows = super().evaluate(controllers, seeds, shaping)
+            return [[replace(e, reward=e.reward + x) for e, x in zip(row, noise, strict=True)] for row in rows]
+
+    polish = Polish([START], Goal(), seed=1)
+    for _ in range(4):
+        polish.advance(Varying())
+    assert (
+        least < min(entry.episodes for entry in polish.archive if entry.controller != START.canonical) < 3 * least + 100
+    )
 
 
 @pytest.mark.parametrize(
