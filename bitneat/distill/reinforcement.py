@@ -44,14 +44,14 @@ class ReinforceSettings:
     walkers: int = 256
     steps_an_update: int = 128
     """Of each walker."""
-    batch: int = 4096
-    epochs: int = 4
+    batch: int = 1024
+    epochs: int = 6
     learning_rate: float = 3e-4
     """At the start; it falls to a fiftieth of it."""
     gamma: float = 0.99
     clip_range: float = 0.2
     entropy: float = 0.001
-    log_std: float = -1.0
+    log_std: float = -1.5
     """Logarithm of the actions' standard deviation at the start."""
     fall: float = -60.0
     """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
