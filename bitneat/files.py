@@ -9,10 +9,18 @@ import json
 import os
 import re
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
+
+try:
+    import fcntl
+except ImportError:  # not on every system
+    _LOCKS = False
+else:
+    _LOCKS = True
 
 _TEMPORARY = re.compile(r"\..+\.(\d{1,10})\.[0-9a-f]{8}\.tmp")
 """Names of temporary files, with the number of the process that writes one."""
@@ -92,6 +100,35 @@ def remove_leftovers(folder: Path) -> None:
         for entry in folder.iterdir():
             if (match := _TEMPORARY.fullmatch(entry.name)) and not _alive(int(match[1])):
                 entry.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def sole_user(folder: Path) -> Iterator[None]:
+    """Be the only process that writes into a run folder meanwhile; temporary files of processes that died there go.
+
+    What holds the folder is the process: however it ends, the next may begin at once. Where there are no locks, nothing is held.
+
+    Raises:
+        BitneatError: if another process is at work there.
+    """
+    if not _LOCKS:
+        remove_leftovers(folder)
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BitneatError(
+                f"{folder}: another process is at work there; expected a run that none continues"
+            ) from None
+        except OSError:
+            pass
+        remove_leftovers(folder)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _alive(process: int) -> bool:

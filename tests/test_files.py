@@ -10,12 +10,14 @@ from pathlib import Path
 import pytest
 
 from bitneat import files
+from bitneat.errors import BitneatError
 from bitneat.files import (
     FileError,
     make_folder,
     read_capped,
     refuse_links,
     remove_leftovers,
+    sole_user,
     write_atomic,
     write_json,
 )
@@ -169,3 +171,35 @@ def test_links_in_a_folder_are_refused(tmp_path: Path) -> None:
     (tmp_path / "b").symlink_to("nowhere")
     with pytest.raises(FileError, match=r"/b: a link, which writing would follow"):
         refuse_links(tmp_path)
+
+
+def test_a_folder_has_one_user_at_a_time(tmp_path: Path) -> None:
+    leftover = tmp_path / f".x.{2**31 - 1}.0123abcd.tmp"
+    leftover.touch()
+    with sole_user(tmp_path):
+        assert not leftover.exists()
+        with pytest.raises(BitneatError, match="another process is at work there"), sole_user(tmp_path):
+            pytest.fail("there are two")
+    with sole_user(tmp_path):
+        pass
+
+
+def test_a_user_that_is_killed_leaves_the_folder_to_the_next(tmp_path: Path) -> None:
+    program = (
+        "import sys, time, pathlib, subprocess\n"
+        "from bitneat.files import sole_user\n"
+        "with sole_user(pathlib.Path(sys.argv[1])):\n"
+        "    child = subprocess.Popen(['sleep', '5'])\n"  # a worker of it may live on for a moment
+        "    print('there', flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"there\n"
+    with pytest.raises(BitneatError, match="another process"), sole_user(tmp_path):
+        pytest.fail("there are two")
+    process.kill()
+    process.wait()
+    with sole_user(tmp_path):
+        pass
+    process.stdout.close()

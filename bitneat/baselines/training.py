@@ -22,7 +22,7 @@ from bitneat.baselines.method import Method
 from bitneat.baselines.result import BaselineResult
 from bitneat.baselines.settings import HARDCORE_PPO, METHODS, ArsSettings, PpoSettings, Settings
 from bitneat.errors import BitneatError, MissingExtraError
-from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_atomic, write_json
+from bitneat.files import make_folder, read_capped, refuse_links, sole_user, write_atomic, write_json
 from bitneat.version import __version__
 
 RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "policy.npz", "result.json", "history.csv"
@@ -103,10 +103,9 @@ def train(
     versions = {"bitneat": __version__, **_versions()}
     if begun:
         refuse_links(folder)
-        remove_leftovers(folder)
     else:
         _begin(folder, run)
-    with _isolated():
+    with sole_user(folder), _isolated():
         return _train(run, settings, folder, progress or (lambda _: None), versions)
 
 

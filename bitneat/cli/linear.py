@@ -7,6 +7,7 @@ import argparse
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     """Search, and leave the best of the ternary roundings in the run folder."""
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.linear import LinearSearch
-    from bitneat.files import remove_leftovers
+    from bitneat.files import sole_user
     from bitneat.sim import bipedal
     from bitneat.sim.environment import allow_imports, inspect
 
@@ -106,9 +107,10 @@ def run(args: argparse.Namespace) -> int:
         _restore(where, search, state)
     else:
         _create(folder)
-    remove_leftovers(folder)
     evaluator = None
+    alone = ExitStack()
     try:
+        alone.enter_context(sole_user(folder))
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
         while search.generation < settings["generations"]:
             row = search.advance(evaluator)
@@ -123,6 +125,7 @@ def run(args: argparse.Namespace) -> int:
     finally:
         if evaluator is not None:
             evaluator.close()
+        alone.close()
     print_champion(summary)
     if args.json is not None:
         from bitneat.files import write_json

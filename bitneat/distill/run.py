@@ -27,7 +27,7 @@ from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.recheck import Recheck
 from bitneat.evolve.search import Candidate, Score
-from bitneat.files import make_folder, read_capped, refuse_links, remove_leftovers, write_json
+from bitneat.files import make_folder, read_capped, refuse_links, sole_user, write_json
 from bitneat.sim.bipedal import is_hardcore, is_walker
 from bitneat.sim.walker.binding import default_threads
 from bitneat.sim.walker.rollout import run_policy
@@ -106,27 +106,30 @@ def distill(
         "reinforce": asdict(reinforce) if reinforce.steps else None,
     }
     _begin(folder, run)
-    hardcore = is_hardcore(spec)
-    evaluator = NativeWalkerEvaluator(spec, step_limit(hardcore), default_threads())
-    label = batched(teacher.network, exact=False)
-    threads = torch.get_num_threads()
-    torch_state, python_state = torch.get_rng_state(), random.getstate()
-    torch.set_num_threads(1)
-    try:
-        if reinforce.steps:
-            first = replace(settings, rounds=settings.float_rounds)
-            student = _imitated(folder / IMITATION, Imitation(label, hardcore, first, seed), evaluator, tell).student
-            _reinforced(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
-            settings = replace(settings, float_rounds=0)
-            last = Imitation(student.act, hardcore, settings, seed, start=student)
-        else:
-            last = Imitation(label, hardcore, settings, seed)
-        candidates = _imitated(folder / ROUNDING, last, evaluator, tell).candidates
-    finally:
-        torch.set_num_threads(threads)
-        torch.set_rng_state(torch_state)
-        random.setstate(python_state)
-    return _finish(folder, teacher, [controller for _, controller in candidates], evaluator, run)
+    with sole_user(folder):
+        hardcore = is_hardcore(spec)
+        evaluator = NativeWalkerEvaluator(spec, step_limit(hardcore), default_threads())
+        label = batched(teacher.network, exact=False)
+        threads = torch.get_num_threads()
+        torch_state, python_state = torch.get_rng_state(), random.getstate()
+        torch.set_num_threads(1)
+        try:
+            if reinforce.steps:
+                first = replace(settings, rounds=settings.float_rounds)
+                student = _imitated(
+                    folder / IMITATION, Imitation(label, hardcore, first, seed), evaluator, tell
+                ).student
+                _reinforced(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
+                settings = replace(settings, float_rounds=0)
+                last = Imitation(student.act, hardcore, settings, seed, start=student)
+            else:
+                last = Imitation(label, hardcore, settings, seed)
+            candidates = _imitated(folder / ROUNDING, last, evaluator, tell).candidates
+        finally:
+            torch.set_num_threads(threads)
+            torch.set_rng_state(torch_state)
+            random.setstate(python_state)
+        return _finish(folder, teacher, [controller for _, controller in candidates], evaluator, run)
 
 
 def _imitated(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell) -> Imitation:
@@ -192,7 +195,6 @@ def _begin(folder: Path, run: dict[str, Any]) -> None:
             raise BitneatError(f"{path}: damaged: no JSON") from None
         if found != run:
             raise BitneatError(f"{folder}: holds another run of distill; give another -o")
-        remove_leftovers(folder)
         return
     if (folder / "champion.pkl").exists():
         raise BitneatError(f"{folder / 'champion.pkl'}: exists and would be overwritten; give another -o")

@@ -24,7 +24,7 @@ from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.polish import Entry, Goal, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
-from bitneat.files import make_folder, refuse_links, remove_leftovers, write_atomic
+from bitneat.files import make_folder, refuse_links, sole_user, write_atomic
 from bitneat.state import StateFile
 from bitneat.version import __version__
 
@@ -210,38 +210,42 @@ def carry_on(
     called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
     """
     began = time.monotonic()
-    remove_leftovers(folder.path)
-    if history:
-        folder.save_tables(polish, history)  # the run may have died between a checkpoint and its tables
-    out_of_time = False
-    leader = None
-    while polish.generation < settings.generations and not out_of_time:
-        row = polish.advance(evaluator)
-        before, leader = leader, polish.ranking()[0].controller
-        if check is not None and polish.generation % _CHECK_EVERY == 0:
-            episodes = evaluator.evaluate([leader], selection_seeds(1))[0]
-            check(Candidate(leader, polish.generation, tuple(e.reward for e in episodes)))
-        history.append(row)
-        folder.save(settings, polish, history)
-        if leader != before:
-            folder.save_champion(_champion(settings, polish, leader, None, None))
-        tell(row)
-        out_of_time = settings.seconds is not None and time.monotonic() - began > settings.seconds
-    entry, rewards = _choose(polish, evaluator)
-    if check is not None:
-        check(Candidate(entry.controller, polish.generation, tuple(rewards)))
-    score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
-    champion = _champion(settings, polish, entry.controller, Score(len(rewards), *_statistics(rewards)), score)
-    folder.save_champion(champion)
-    if front:
-        entries = polish.front()
-        scores = [
-            Score.of(row) for row in evaluator.evaluate([e.controller for e in entries], report_seeds(REPORT_EPISODES))
-        ]
-        folder.save_front(
-            {e.size: _champion(settings, polish, e.controller, None, s) for e, s in zip(entries, scores, strict=True)}
-        )
-    return champion, score, polish.generation >= settings.generations
+    with sole_user(folder.path):
+        if history:
+            folder.save_tables(polish, history)  # the run may have died between a checkpoint and its tables
+        out_of_time = False
+        leader = None
+        while polish.generation < settings.generations and not out_of_time:
+            row = polish.advance(evaluator)
+            before, leader = leader, polish.ranking()[0].controller
+            if check is not None and polish.generation % _CHECK_EVERY == 0:
+                episodes = evaluator.evaluate([leader], selection_seeds(1))[0]
+                check(Candidate(leader, polish.generation, tuple(e.reward for e in episodes)))
+            history.append(row)
+            folder.save(settings, polish, history)
+            if leader != before:
+                folder.save_champion(_champion(settings, polish, leader, None, None))
+            tell(row)
+            out_of_time = settings.seconds is not None and time.monotonic() - began > settings.seconds
+        entry, rewards = _choose(polish, evaluator)
+        if check is not None:
+            check(Candidate(entry.controller, polish.generation, tuple(rewards)))
+        score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
+        champion = _champion(settings, polish, entry.controller, Score(len(rewards), *_statistics(rewards)), score)
+        folder.save_champion(champion)
+        if front:
+            entries = polish.front()
+            scores = [
+                Score.of(row)
+                for row in evaluator.evaluate([e.controller for e in entries], report_seeds(REPORT_EPISODES))
+            ]
+            folder.save_front(
+                {
+                    e.size: _champion(settings, polish, e.controller, None, s)
+                    for e, s in zip(entries, scores, strict=True)
+                }
+            )
+        return champion, score, polish.generation >= settings.generations
 
 
 def _champion(

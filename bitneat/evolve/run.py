@@ -43,6 +43,7 @@ from bitneat.files import (
     read_capped,
     refuse_links,
     remove_leftovers,
+    sole_user,
     sync_folder,
     write_atomic,
     write_json,
@@ -179,8 +180,7 @@ class RunFolder:
 
     def mend(self, settings: RunSettings, search: Search) -> None:
         """Make good what a process that died after a checkpoint has left undone: files to write, and files to take away."""
-        for folder in (self.path, self.path / "checkpoints"):
-            remove_leftovers(folder)
+        remove_leftovers(self.path / "checkpoints")
         self._drop_old(search.generation)
         self.save_history(search)
         if not self._config_file.exists():
@@ -362,36 +362,37 @@ def carry_on(
     saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
-    search = searching(folder, settings, info)
-    folder.restore(search, settings.begun_at)
-    folder.mend(settings, search)
-    generations = settings.config["evolve"]["generations"]
-    progress.start(search, generations, settings.seconds)
-    best: Candidate | None = None
-    out_of_time = False
-    while not search.finished and not out_of_time:
-        row = search.advance(evaluator)
-        leads = search.candidates[0] is not best
-        best = search.candidates[0]
-        if leads and check is not None:
-            check(best)
-        folder.save_checkpoint(search)
-        folder.save_history(search)
-        if leads:
-            folder.save_champion(_champion(settings, info, search, best, None))
-        progress.generation(row, best)
-        out_of_time = settings.seconds is not None and time.monotonic() - started > settings.seconds
-    if not search.candidates:
-        raise BitneatError("no champion: the run has 0 generations")
-    progress.choosing()
-    candidate = search.finalists(evaluator)[0]
-    if check is not None:
-        check(candidate)
-    score = search.report(evaluator, candidate.controller)
-    champion = _champion(settings, info, search, candidate, score)
-    folder.save_champion(champion)
-    write_json(folder.path / "report.json", dict(champion.provenance))
-    return Outcome(champion, score, candidate, finished=search.finished)
+    with sole_user(folder.path):
+        search = searching(folder, settings, info)
+        folder.restore(search, settings.begun_at)
+        folder.mend(settings, search)
+        generations = settings.config["evolve"]["generations"]
+        progress.start(search, generations, settings.seconds)
+        best: Candidate | None = None
+        out_of_time = False
+        while not search.finished and not out_of_time:
+            row = search.advance(evaluator)
+            leads = search.candidates[0] is not best
+            best = search.candidates[0]
+            if leads and check is not None:
+                check(best)
+            folder.save_checkpoint(search)
+            folder.save_history(search)
+            if leads:
+                folder.save_champion(_champion(settings, info, search, best, None))
+            progress.generation(row, best)
+            out_of_time = settings.seconds is not None and time.monotonic() - started > settings.seconds
+        if not search.candidates:
+            raise BitneatError("no champion: the run has 0 generations")
+        progress.choosing()
+        candidate = search.finalists(evaluator)[0]
+        if check is not None:
+            check(candidate)
+        score = search.report(evaluator, candidate.controller)
+        champion = _champion(settings, info, search, candidate, score)
+        folder.save_champion(champion)
+        write_json(folder.path / "report.json", dict(champion.provenance))
+        return Outcome(champion, score, candidate, finished=search.finished)
 
 
 def searching(folder: RunFolder, settings: RunSettings, info: EnvironmentInfo) -> Search:
