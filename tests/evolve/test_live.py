@@ -8,6 +8,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import sys
 import termios
@@ -170,6 +171,7 @@ class Terminal:
         self.pid, self._master = pty.fork()
         if self.pid == 0:
             os.chdir(folder)
+            signal.signal(signal.SIGINT, signal.SIG_DFL)  # whoever runs the tests may ignore it
             size = {"COLUMNS": "", "LINES": ""}
             variables = {**os.environ, "TERM": "xterm-256color", **size, **environment}
             os.execve(sys.executable, [sys.executable, "-m", "bitneat", *arguments], variables)
