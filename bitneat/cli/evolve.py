@@ -154,6 +154,7 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on, searching
     from bitneat.evolve.search import episode_limit
+    from bitneat.files import sole_user
     from bitneat.sim.environment import inspect
 
     info = inspect(settings.environment)
@@ -164,8 +165,9 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         folder.create(settings)
     elif (args.config, args.generations, args.time) != (None, None, None):
         # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
-        folder.restore(searching(folder, settings, info), settings.begun_at)
-        folder.save_settings(settings)
+        with sole_user(folder.path):
+            folder.restore(searching(folder, settings, info), settings.begun_at)
+            folder.save_settings(settings)
     if settings.seconds is not None:
         print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     _tell_of_linear_start_alone(settings.config)

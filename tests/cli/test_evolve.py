@@ -11,6 +11,7 @@ import pytest
 import tests.sim.strange  # noqa: F401 - registers environments
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from bitneat.files import sole_user
 from tests.sealed import resealed
 
 TINY = """
@@ -113,6 +114,23 @@ def test_a_run_can_be_made_longer(tiny: str) -> None:
     assert main(["evolve", "--resume", "short", "--generations", "3", "--workers", "1"]) == 0
     assert main(["evolve", *common, "--generations", "3", "-o", "long"]) == 0
     assert Path("short/champion.pkl").read_bytes() == Path("long/champion.pkl").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["evolve", "linear"])
+def test_a_run_that_another_process_continues_is_left_alone(
+    tiny: str, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    more = ["--config", tiny] if command == "evolve" else ["--pop", "12"]
+    assert main([command, "--env", "CartPole-v1", *more, "--generations", "2", "--workers", "1", "-o", "run"]) == 0
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    capsys.readouterr()
+    resume = [command, "--resume", "run", "--generations", "3", "--workers", "1"]
+    with sole_user(Path("run")):
+        assert main(resume) == 2
+    error = capsys.readouterr().err
+    assert error == "bitneat: run: another process is at work there; expected a run that none continues\n"
+    assert before == {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    assert main(resume) == 0
 
 
 def test_a_run_can_go_on_under_another_configuration_and_records_both(tiny: str) -> None:

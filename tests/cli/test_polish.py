@@ -10,6 +10,7 @@ import pytest
 
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from bitneat.files import sole_user
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "walker" / "champion.json"
 
@@ -32,6 +33,9 @@ def test_a_champion_gets_smaller_and_the_result_does_not_depend_on_workers(
     champion = champions.load(tmp_path / "1/champion.pkl")
     assert champion.controller.sha256 == summary["controller"]["sha256"]
     assert champion.provenance["polish"]["objective"] == "size"
+    with sole_user(tmp_path / "1"):
+        assert main(["polish", "--resume", str(tmp_path / "1"), "--generations", "2"]) == 2
+    assert capsys.readouterr().err.endswith("another process is at work there; expected a run that none continues\n")
     assert main(["polish", "--resume", str(tmp_path / "1"), "--generations", "1"]) == 0
     assert (tmp_path / "1/champion.pkl").read_bytes() == (tmp_path / "2/champion.pkl").read_bytes()
 
