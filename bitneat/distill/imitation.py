@@ -80,17 +80,6 @@ class RoundRow:
         return f"round {self.number} loss {self.loss:.4f}{result}"
 
 
-Candidates = list[tuple[float, Controller]]
-"""The best so far with their means on the selection seeds, the first the best."""
-
-
-def remember(candidates: Candidates, mean: float, controller: Controller) -> None:
-    """Keep the best few."""
-    candidates.append((mean, controller))
-    candidates.sort(key=lambda c: (-c[0], c[1].sha256))
-    del candidates[_FINALISTS:]
-
-
 Label = Callable[[Floats], npt.NDArray[Any]]
 """What a teacher does: observations (n, 24) to actions (n, 4)."""
 
@@ -111,7 +100,8 @@ class Imitation:
     ) -> None:
         self.hardcore, self.settings, self.seed = hardcore, settings, seed
         self.rows: list[RoundRow] = []
-        self.candidates: Candidates = []
+        self.candidates: list[tuple[float, Controller]] = []
+        """The best so far with their means on the selection seeds, the first the best."""
         self._label = label
         self._observations: list[Floats] = []
         self._actions: list[Floats] = []
@@ -171,7 +161,9 @@ class Imitation:
             controller = self.student.controller()
             episodes = evaluator.evaluate([controller], selection_seeds(_SELECTION))[0]
             mean, size = math.fsum(each.reward for each in episodes) / len(episodes), len(pack(controller))
-            remember(self.candidates, mean, controller)
+            self.candidates.append((mean, controller))
+            self.candidates.sort(key=lambda c: (-c[0], c[1].sha256))
+            del self.candidates[_FINALISTS:]
         self.rows.append(RoundRow(number + 1, loss, mean, size))
         return self.rows[-1]
 
