@@ -28,6 +28,7 @@ import torch
 
 from bitneat.baselines.evaluation import batched
 from bitneat.baselines.vecenv import WalkerVecEnv
+from bitneat.distill import run as distill_run
 from bitneat.distill.imitation import DistillSettings, Imitation
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings, _Falls
 from bitneat.distill.run import ROUNDING, distill
@@ -105,7 +106,17 @@ def test_what_cannot_be_is_one_line(tmp_path: Path) -> None:
         run(tmp_path / "run", rounds=2)
 
 
-def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(tmp_path: Path) -> None:
+def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[tuple[Any, Student | None]] = []
+
+    class Noted(Imitation):
+        def __init__(self, label: Any, *arguments: Any, start: Student | None = None) -> None:
+            made.append((label, start))
+            super().__init__(label, *arguments, start=start)
+
+    monkeypatch.setattr(distill_run, "Imitation", Noted)
     settings = ReinforceSettings(steps=16 * 64, walkers=8, steps_an_update=8, batch=32, epochs=1, critic_first=2)
     rows: list[Any] = []
 
@@ -119,6 +130,9 @@ def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(
             distill(teacher(), SMALL, 2, tmp_path, tell=stop, reinforce=settings)
         assert len(rows) == number
     champion, score = distill(teacher(), SMALL, 2, tmp_path, tell=rows.append, reinforce=settings)
+    label, start = made[-1]
+    assert start is not None
+    assert label == start.act  # by its own example
     assert rows[0].mean is None
     assert [row.steps for row in rows[1:3]] == [15 * 64, 16 * 64]
     assert [row.number for row in rows[3:]] == [1, 2, 3, 4]
@@ -175,6 +189,7 @@ def test_weights_are_integers_once_the_first_rounds_are_over() -> None:
     for quantized in (False, True, True):
         row = imitation.advance(evaluator)
         assert [layer.quantized for layer in imitation.student.layers] == [quantized] * 2
+        assert any(imitation.student.shifts) == quantized  # its inputs are balanced
         assert (row.mean is not None) == quantized
 
 
