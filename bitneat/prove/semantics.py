@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cache, partial
+from math import ceil, floor
 from typing import Any, Literal
 
 import numpy as np
@@ -253,7 +255,9 @@ class _Builder:
         if definition.op is Op.LIN and len(definition.args) == 1:
             # A multiple of something: a compiler may well compute that, and scale it later.
             constant, factor = definition.params
-            inner = self._cut(kind, argument, definition.args[0], _unscaled(function, constant, factor))
+            part = definition.args[0]
+            inner_bounds = None if bounds is None else _unscaled_bounds(bounds, part, constant, factor)
+            inner = self._cut(kind, argument, part, _unscaled(function, constant, factor), inner_bounds)
             return self.terms.add(self.terms.times(inner, factor), self.terms.const(WORD, constant))
         if definition not in self._known:
             low, high = (definition.low, definition.high) if bounds is None else bounds
@@ -282,6 +286,15 @@ class _Builder:
 
 def _unscaled(function: Callable[[IntArray], IntArray], constant: int, factor: int) -> Callable[[IntArray], IntArray]:
     return lambda values: (function(values) - constant) // factor
+
+
+def _unscaled_bounds(bounds: Interval, part: Term, constant: int, factor: int) -> Interval | None:
+    """Of a part, when ``constant + factor * part`` is within bounds; None if that sum might wrap."""
+    ends = (constant + factor * part.low, constant + factor * part.high)
+    if not all(-(1 << (WORD - 1)) <= end < 1 << (WORD - 1) for end in ends):
+        return None
+    low, high = sorted((Fraction(end - constant, factor) for end in (bounds.low, bounds.high)))
+    return Interval(max(part.low, ceil(low)), min(part.high, floor(high)))
 
 
 def _floor(places: int) -> Callable[[IntArray], IntArray]:

@@ -127,6 +127,21 @@ def test_a_value_that_is_a_line_where_it_lies_is_taken_for_one(tmp_path: Path) -
     assert report.passed
 
 
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_value_is_within_what_its_activation_can_give_where_it_is_a_multiple_of_another(
+    delay: int, tmp_path: Path
+) -> None:
+    """Near 0 `hat` is One less a magnitude, of which the terms alone would not tell that it is none below 0."""
+    near = Node((Link(0),), 0, -3, "hat")
+    after = Node((Link(1, delay=delay), Link(0, delay=1)), 0, 0, "clamped")
+    drawn = Controller((Input(limit=1000),), (near, after), (Signal(2),), 8)
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert (model.signals[1].low, model.signals[1].high) == (256 - 125, 256)
+    code = CFile.write(generate(drawn, "legs", "table"), tmp_path)
+    report = prove(Champion(drawn, box_action(1), None), [code], targets=["cortex-m0"], use_cache=False)
+    assert report.passed
+
+
 @pytest.mark.parametrize("seed", [50, 51, 52, 53])
 def test_random_controllers_are_proved(seed: int) -> None:
     for pair in prove_case(case(seed)):
