@@ -293,7 +293,7 @@ def _unscaled_bounds(bounds: Interval, part: Term, constant: int, factor: int) -
     ends = (constant + factor * part.low, constant + factor * part.high)
     if not all(-(1 << (WORD - 1)) <= end < 1 << (WORD - 1) for end in ends):
         return None
-    low, high = sorted((Fraction(end - constant, factor) for end in (bounds.low, bounds.high)))
+    low, high = sorted(Fraction(end - constant, factor) for end in (bounds.low, bounds.high))
     return Interval(max(part.low, ceil(low)), min(part.high, floor(high)))
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -17,18 +18,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import bitneat
-from bitneat.champion import EnvironmentSpec
 from bitneat.cli.main import main
-from bitneat.errors import BitneatError, MissingExtraError
+from bitneat.errors import MissingExtraError
 from bitneat.evolve import cluster as clusters
-from bitneat.evolve.cluster import RayEvaluator, chunks
-from bitneat.sim.environment import inspect
+from bitneat.evolve.cluster import chunks
+from tests.evolve.ray_process import QUIET_AND_LOCAL
 
-# Ray reads these when it is imported. By the second, all of it listens to this machine alone, as on systems other than Linux.
-os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
-
+os.environ.update(QUIET_AND_LOCAL)  # for the runs that tests start
+ROOT = Path(__file__).parents[2]
 SETTINGS = ["--pop", "16", "--generations", "10", "--seed", "3"]
 LIMIT = 240.0
 """Seconds for anything that is waited for, on a machine that does much else."""
@@ -87,23 +84,13 @@ def test_signals_wait_for_a_place_where_they_can_be_raised(early: bool) -> None:
 
 
 class Nodes:
-    """A head with one core, and another node with one."""
+    """A cluster of two nodes."""
 
-    def __init__(self) -> None:
-        from ray.cluster_utils import Cluster
-
-        node = {"num_cpus": 1, "object_store_memory": 80_000_000, "node_ip_address": "127.0.0.1"}
-        self.cluster = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-        self.other: Any = self.cluster.add_node(**node)
-
-    @property
-    def address(self) -> str:
-        return str(self.cluster.address)
-
-    @property
-    def other_raylet(self) -> int:
-        ((process,),) = [self.other.all_processes["raylet"]]
-        return int(process.process.pid)
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        said = json.loads(process.stdout.readline())
+        self.address: str = said["address"]
+        self.other_raylet: int = said["raylet"]
 
     def workers_of_other(self) -> list[int]:
         """Processes that run tasks on the other node."""
@@ -115,9 +102,12 @@ class Nodes:
 
 @pytest.fixture(scope="module")
 def nodes() -> Iterator[Nodes]:
-    started = Nodes()
-    yield started
-    started.cluster.shutdown()
+    command = [sys.executable, "-m", "tests.evolve.ray_process", "nodes"]
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
+        yield Nodes(process)
+        process.communicate(timeout=LIMIT)
 
 
 @pytest.fixture(scope="module")
@@ -142,25 +132,14 @@ def rows(folder: Path) -> int:
     return history.read_bytes().count(b"\n") - 1 if history.exists() else 0
 
 
-def refuses_machines_that_differ(nodes: Nodes, monkeypatch: pytest.MonkeyPatch) -> None:
+def refuses_machines_that_differ(nodes: Nodes) -> None:
     """By name, before they run anything."""
-    import ray
-
-    walker = EnvironmentSpec("BipedalWalker-v3")
-    for name, value, message in (
-        ("__version__", "9.9", r"node .*: has bitneat .*, expected 9\.9, as where the run began"),
-        ("probe_for", lambda spec: "0123456789abcdef", r"node .*: trigonometry: expected a C library"),
-    ):
-        with monkeypatch.context() as patch:
-            patch.setattr(clusters, name, value)
-            evaluator = RayEvaluator(walker, inspect(walker).action, 50, simulator="native", address=nodes.address)
-        controller = bitneat.load(Path(__file__).parents[2] / "examples" / "champions" / "tiny.pkl").controller
-        try:
-            with pytest.raises(BitneatError, match=message):
-                evaluator.evaluate([controller], [0])
-        finally:
-            evaluator.close()
-    assert not ray.is_initialized()
+    command = [sys.executable, "-m", "tests.evolve.ray_process", "refusals", nodes.address]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False)
+    assert done.returncode == 0, done.stderr
+    version, trigonometry = done.stdout.splitlines()
+    assert re.fullmatch(r"node .*: has bitneat .*, expected 9\.9, as where the run began", version)
+    assert re.search(r"node .*: trigonometry: expected a C library", trigonometry)
 
 
 def stops_on_sigterm_as_without_ray(nodes: Nodes, folder: Path) -> None:
@@ -177,9 +156,9 @@ def stops_on_sigterm_as_without_ray(nodes: Nodes, folder: Path) -> None:
 
 
 def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
-    nodes: Nodes, local: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    nodes: Nodes, local: Path, tmp_path: Path
 ) -> None:
-    refuses_machines_that_differ(nodes, monkeypatch)  # here, since a cluster takes long to start
+    refuses_machines_that_differ(nodes)  # here, since a cluster takes long to start
     stops_on_sigterm_as_without_ray(nodes, tmp_path / "stopped")
     folder = tmp_path / "ray"
     command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
