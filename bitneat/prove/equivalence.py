@@ -117,6 +117,7 @@ class Equivalence:
         self._abstract: dict[int, Term] = {}
         self._settled: dict[Term, Term] = {}
         self._sums: dict[tuple[int, int], Atom] = {}
+        self._functions: dict[tuple[Cut, int], Term | None] = {}
 
     # Cuts --------------------------------------------------------------------------------------------------------------
 
@@ -163,8 +164,8 @@ class Equivalence:
             constant, parts = self._terms.linear_parts(term)
             if not any(part in self._settled for part in parts):
                 return term
-            pieces = [self._terms.times(self._settled.get(part, part), c) for part, c in parts.items()]
-            term = self._terms.add(self._terms.const(term.width, constant), *pieces)
+            pieces = [(self._settled.get(part, part), c) for part, c in parts.items()]
+            term = self._terms.scaled_sum(term.width, constant, pieces)
 
     def _as_cut(self, term: Term, values: IntArray) -> Term | None:
         values = np.broadcast_to(values, next(iter(self._samples.values())).shape)
@@ -189,14 +190,13 @@ class Equivalence:
         chain, compared = self._chain(cut), False
         for depth in range(len(chain)):
             base = chain[depth]
-            above: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain[: depth + 1]}
-            inner = {one.value.atom: one.definition for one in chain[1 : depth + 1]}
             direction = _direction(base.argument)
-            if direction is None:
+            wanted = None if direction is None else self._as_function(cut, chain[1 : depth + 1], direction)
+            if direction is None or wanted is None:
                 continue
+            above: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain[: depth + 1]}
             try:
                 reduced = self._over(self._substituted(term, above), direction)
-                wanted = self._over(self._substituted(cut.definition, inner), direction)
             except _NotOfOneSum:
                 continue
             goal = self._moved(wanted, term.width, factor, offset)
@@ -207,6 +207,17 @@ class Equivalence:
             return False
         self._guesses += 1
         return self._asked(term, self._moved(cut.definition, term.width, factor, offset), _SECONDS_GUESS)
+
+    def _as_function(self, cut: Cut, inner: Sequence[Cut], direction: Direction) -> Term | None:
+        """A cut's definition in one sum, with those of others for their values; None if it is no function of the sum."""
+        key = (cut, len(inner))
+        if key not in self._functions:
+            values: dict[Atom | None, Term] = {one.value.atom: one.definition for one in inner}
+            try:
+                self._functions[key] = self._over(self._substituted(cut.definition, values), direction)
+            except _NotOfOneSum:
+                self._functions[key] = None
+        return self._functions[key]
 
     def _is_constant(self, term: Term, value: int) -> bool:
         """Whether a function of one sum has one value only, as a node that is always saturated has."""
@@ -274,7 +285,7 @@ class Equivalence:
                 continue
             constant, parts = terms.linear_parts(one)
             found = {part.atom: c for part, c in parts.items() if part.atom is not None}
-            result = [terms.const(one.width, constant)]
+            pieces = [(done[part.number], c) for part, c in parts.items() if part.atom is None]
             if one.op is Op.VAR and found.keys() != coefficients.keys():
                 done[one.number] = one  # a part of a sum, which is looked at as a whole; alone, it is refused below
                 continue
@@ -286,9 +297,8 @@ class Equivalence:
                     (found.get(atom, 0) - factor * c) % modulus for atom, c in coefficients.items()
                 ):
                     raise _NotOfOneSum
-                result.append(terms.times(terms.var(total, one.width), factor))
-            result += [terms.times(done[part.number], c) for part, c in parts.items() if part.atom is None]
-            done[one.number] = terms.add(*result)
+                pieces.append((terms.var(total, one.width), factor))
+            done[one.number] = terms.scaled_sum(one.width, constant, pieces)
         result_term = done[term.number]
         if any(one.atom not in (None, total) for one in cone([result_term])):
             raise _NotOfOneSum

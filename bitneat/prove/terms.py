@@ -11,9 +11,10 @@ Every rule here is part of what a proof trusts. `tests/prove/test_terms.py` eval
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from math import gcd
 from typing import Any
 
@@ -21,7 +22,7 @@ WORD = 32
 """Bits of a number in the reference and in most registers."""
 
 
-class Op(Enum):
+class Op(StrEnum):
     """What kind of term it is; arguments first, then parameters."""
 
     CONST = "const"
@@ -90,6 +91,19 @@ def signed(value: int, width: int) -> int:
     return value - (1 << width) if value >> (width - 1) else value
 
 
+def _normal(width: int, constant: int, parts: Mapping[Term, int]) -> tuple[int, list[tuple[Term, int]]]:
+    """A sum's constant, and its parts in order with their coefficients, none 0: all of them signed."""
+    half = 1 << (width - 1)
+    mask = 2 * half - 1
+    kept = [(part, c) for part, factor in parts.items() if (c := ((factor + half) & mask) - half)]
+    kept.sort(key=_number)
+    return ((constant + half) & mask) - half, kept
+
+
+def _number(pair: tuple[Term, int]) -> int:
+    return pair[0].number
+
+
 def _fits(low: int, high: int, width: int) -> bool:
     return -(1 << (width - 1)) <= low and high < 1 << (width - 1)
 
@@ -144,9 +158,7 @@ class Terms:
 
     def lin(self, width: int, constant: int, parts: Mapping[Term, int]) -> Term:
         """``constant`` plus each part times its coefficient; parts are neither constants nor sums."""
-        total = signed(constant, width)
-        kept = [(part, signed(coefficient, width)) for part, coefficient in parts.items()]
-        kept = sorted(((part, c) for part, c in kept if c), key=lambda one: one[0].number)
+        total, kept = _normal(width, constant, parts)
         if not kept:
             return self.const(width, total)
         if len(kept) == 1:
@@ -182,13 +194,21 @@ class Terms:
 
     def add(self, *terms: Term) -> Term:
         """Their sum."""
+        return self.scaled_sum(terms[0].width, 0, [(term, 1) for term in terms])
+
+    def scaled_sum(self, width: int, constant: int, pieces: Iterable[tuple[Term, int]]) -> Term:
+        """``constant`` plus each term times its factor; terms may be sums themselves."""
+        more, parts = self._combined(pieces)
+        return self.lin(width, constant + more, parts)
+
+    def _combined(self, pieces: Iterable[tuple[Term, int]]) -> tuple[int, dict[Term, int]]:
         constant, parts = 0, dict[Term, int]()
-        for term in terms:
+        for term, factor in pieces:
             c, more = self.linear_parts(term)
-            constant += c
+            constant += factor * c
             for part, coefficient in more.items():
-                parts[part] = parts.get(part, 0) + coefficient
-        return self.lin(terms[0].width, constant, parts)
+                parts[part] = parts.get(part, 0) + factor * coefficient
+        return constant, parts
 
     def times(self, term: Term, factor: int) -> Term:
         """A multiple of it by a known number."""
@@ -197,7 +217,7 @@ class Terms:
 
     def sub(self, x: Term, y: Term) -> Term:
         """``x - y``."""
-        return self.add(x, self.times(y, -1))
+        return self.scaled_sum(x.width, 0, [(x, 1), (y, -1)])
 
     def neg(self, x: Term) -> Term:
         """``-x``."""
@@ -517,7 +537,7 @@ class Terms:
             return then
         if condition.op is Op.LIN and condition.params[0] == -1 and len(condition.args) == 1:
             return self.ite(condition.args[0], otherwise, then)
-        if then.width > 1 and not otherwise.is_const and self.invert(otherwise) is then:
+        if then.width > 1 and not otherwise.is_const and self._are_complements(then, otherwise):
             # x ^ mask, where what follows is mostly - mask: then it is x or -x.
             return self.add(self.ite(condition, self.neg(otherwise), otherwise), self.sext(condition, then.width))
         if then.width == 1:
@@ -545,13 +565,25 @@ class Terms:
             wraps = not _fits(then.low - otherwise.high - 1, then.high - otherwise.low, then.width)
             wraps = wraps or not _fits(otherwise.low - then.high - 1, otherwise.high - then.low, then.width)
             if condition.params[0] == then.width - 1 and not wraps:
-                one = self.const(then.width, 1)
-                for difference, which in ((self.sub(then, otherwise), min), (self.sub(otherwise, then), max)):
-                    if sign_of is difference or sign_of is self.sub(difference, one):
-                        choose = which
+                if self._distance(sign_of, then, otherwise) in (0, -1):
+                    choose = min
+                elif self._distance(sign_of, otherwise, then) in (0, -1):
+                    choose = max
         if choose is None:
             return min(then.low, otherwise.low), max(then.high, otherwise.high)
         return choose(then.low, otherwise.low), choose(then.high, otherwise.high)
+
+    def _distance(self, term: Term, x: Term, y: Term) -> int | None:
+        """``term - (x - y)``, if that is a known number."""
+        constant, parts = self._combined([(term, 1), (x, -1), (y, 1)])
+        constant, left = _normal(term.width, constant, parts)
+        return None if left else constant
+
+    def _are_complements(self, x: Term, y: Term) -> bool:
+        if _is_mask(x) and _is_mask(y):
+            return self.invert(y) is x  # which is no sum then
+        constant, parts = self._combined([(x, 1), (y, 1)])
+        return _normal(x.width, constant + 1, parts) == (0, [])
 
     def eq(self, x: Term, y: Term) -> Term:
         """One bit: whether they are equal."""
@@ -616,12 +648,13 @@ def resized(terms: Terms, term: Term, width: int) -> Term:
 
 def rebuild(terms: Terms, term: Term, args: Sequence[Term]) -> Term:
     """The term with other arguments of the same widths, in normal form."""
+    if all(map(operator.is_, args, term.args)):
+        return term
     match term.op:
         case Op.CONST | Op.VAR:
             return term
         case Op.LIN:
-            pieces = [terms.times(arg, c) for arg, c in zip(args, term.params[1:], strict=True)]
-            return terms.add(terms.const(term.width, term.params[0]), *pieces)
+            return terms.scaled_sum(term.width, term.params[0], zip(args, term.params[1:], strict=True))
         case Op.EXTRACT:
             return terms.extract(args[0], term.params[0], term.width)
         case Op.ZEXT:
