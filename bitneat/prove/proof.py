@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -239,7 +240,7 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
         atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in _others(made, samples)
     }
 
-    meaning = [next(iter(found), None) for found in candidates]
+    seen, meaning = candidates, _one_each(candidates)
     while True:
         proof.meaning = meaning
         equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
@@ -265,7 +266,7 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
     for what, term, expected in claims:
         difference = equivalence.difference(term, expected)
         if difference is not None:
-            raise _not_equal(what, model, difference.model)
+            raise _not_equal(what, model, seen, difference.model)
 
 
 def _others(made: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[Atom, None]:
@@ -293,7 +294,19 @@ def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequen
     return next((one for one in candidates if equivalence.is_shown(term, model.signals[one])), now)
 
 
-def _not_equal(what: str, model: Model, found: Mapping[Atom, int] | None) -> _NotProved:
+def _one_each(candidates: Sequence[Sequence[int]]) -> list[int | None]:
+    """Of places that seem to keep the same signals the first keeps the first of them, the second the second."""
+    taken: Counter[tuple[int, ...]] = Counter()
+    guess: list[int | None] = []
+    for found in map(tuple, candidates):
+        guess.append(found[min(taken[found], len(found) - 1)] if found else None)
+        taken[found] += 1
+    return guess
+
+
+def _not_equal(
+    what: str, model: Model, candidates: Sequence[Sequence[int]], found: Mapping[Atom, int] | None
+) -> _NotProved:
     if found is None:
         return _NotProved(f"{what}: not shown to be equal")
     if any(atom.undefined for atom in found):
@@ -303,6 +316,9 @@ def _not_equal(what: str, model: Model, found: Mapping[Atom, int] | None) -> _No
     previous: list[int] = []
     if model.previous:
         previous = model.previous_values(model.samples(inputs, state), 1)[0].tolist()
+        if any(len({previous[signal] for signal in signals}) > 1 for signals in candidates):
+            # Which of them a place keeps is a guess, and a state by a wrong guess would refute what is right.
+            return _NotProved(f"{what}: can differ, if the state keeps what it seems to")
     return _NotProved(f"{what}: can differ", (inputs[0].tolist(), previous))
 
 
@@ -410,7 +426,7 @@ def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[
 
     They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it.
     """
-    delayed = dict.fromkeys(link.source for node in controller.nodes for link in node.links if link.delay)
+    delayed = sorted({link.source for node in controller.nodes for link in node.links if link.delay})
     order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
     return [
         [i for i in order if np.array_equal(kept[..., place], signals[..., i])]

@@ -76,6 +76,40 @@ def controller_with_state() -> Controller:
     )
 
 
+def controller_with_rare_values() -> Controller:
+    """What it keeps is 0 but for few of the 65,535 inputs: no simulation tells one from the other."""
+    return Controller(
+        inputs=(Input(limit=32767),),
+        nodes=(
+            Node((Link(0), Link(1, delay=1), Link(2, delay=1)), -12345, 7, "gauss"),
+            Node((Link(0), Link(2, delay=1)), 6789, 7, "gauss"),
+            Node((Link(1, delay=1), Link(2, delay=1, sign=-1)), 0, 0, "identity"),
+        ),
+        outputs=(Signal(3),),
+        frac_bits=8,
+    )
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_places_of_the_state_that_look_alike_are_told_apart(style: Style, tmp_path: Path) -> None:
+    drawn = controller_with_rare_values()
+    code = CFile.write(generate(drawn, "legs", style), tmp_path)
+    report = prove(Champion(drawn, box_action(1), None), [code], targets=["x86-64"], use_cache=False)
+    assert report.passed
+
+
+def test_a_state_by_a_wrong_guess_refutes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("bitneat.prove.proof._one_each", lambda candidates: [found[0] for found in candidates])
+    drawn = controller_with_rare_values()
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    report = prove(
+        Champion(drawn, box_action(1), None), [code], targets=["x86-64"], optimizations=["-O2"], use_cache=False
+    )
+    step = report.pairs[0].functions[0]
+    assert (step.verdict, step.counterexample) == ("not proved", None)
+    assert step.reason == "output 0: can differ, if the state keeps what it seems to"
+
+
 @pytest.mark.parametrize("style", STYLES)
 def test_states_are_proved_by_induction_from_reset(style: Style, tmp_path: Path) -> None:
     drawn = controller_with_state()
