@@ -117,6 +117,7 @@ class Equivalence:
         self._abstract: dict[int, Term] = {}
         self._settled: dict[Term, Term] = {}
         self._sums: dict[tuple[int, int], Atom] = {}
+        self._chains: dict[Cut, list[Cut]] = {}
         self._functions: dict[tuple[Cut, int], Term | None] = {}
 
     # Cuts --------------------------------------------------------------------------------------------------------------
@@ -194,7 +195,7 @@ class Equivalence:
             wanted = None if direction is None else self._as_function(cut, chain[1 : depth + 1], direction)
             if direction is None or wanted is None:
                 continue
-            above: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain[: depth + 1]}
+            above = self._above(term, chain[: depth + 1])
             try:
                 reduced = self._over(self._substituted(term, above), direction)
             except _NotOfOneSum:
@@ -207,6 +208,18 @@ class Equivalence:
             return False
         self._guesses += 1
         return self._asked(term, self._moved(cut.definition, term.width, factor, offset), _SECONDS_GUESS)
+
+    def _above(self, term: Term, chain: Sequence[Cut]) -> dict[Atom | None, Term]:
+        """The definitions of a chain, and of what else in the term is made of its last alone.
+
+        So `tanh` is found where code takes the magnitude first and its sign last, although the controller has that magnitude, too.
+        """
+        values: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain}
+        for one in cone([term]):
+            other = self._chain(self._cut_of[one.atom]) if one.atom in self._cut_of else []
+            if chain[-1] in other:
+                values |= {cut.value.atom: cut.definition for cut in other[: other.index(chain[-1])]}
+        return values
 
     def _as_function(self, cut: Cut, inner: Sequence[Cut], direction: Direction) -> Term | None:
         """A cut's definition in one sum, with those of others for their values; None if it is no function of the sum."""
@@ -252,13 +265,12 @@ class Equivalence:
 
     def _chain(self, cut: Cut) -> list[Cut]:
         """The cut, then the one that it is made from alone, and so on."""
-        chain = [cut]
-        while True:
-            _, parts = self._terms.linear_parts(chain[-1].argument)
+        if cut not in self._chains:
+            _, parts = self._terms.linear_parts(cut.argument)
             atoms = [part.atom for part in parts]
-            if len(atoms) != 1 or atoms[0] not in self._cut_of:
-                return chain
-            chain.append(self._cut_of[atoms[0]])
+            below = self._cut_of.get(atoms[0]) if len(atoms) == 1 else None
+            self._chains[cut] = [cut] if below is None else [cut, *self._chain(below)]
+        return self._chains[cut]
 
     def _moved(self, term: Term, width: int, factor: int, offset: int) -> Term:
         moved = self._terms.times(resized(self._terms, term, width), factor)

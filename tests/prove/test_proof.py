@@ -176,6 +176,17 @@ def test_a_value_is_within_what_its_activation_can_give_where_it_is_a_multiple_o
     assert report.passed
 
 
+def test_a_value_is_found_where_code_takes_its_magnitude_first_and_that_is_another_value(tmp_path: Path) -> None:
+    turned = Node((Link(0), Link(1)), 0, -1, "tanh")
+    large = Node((Link(2),), 0, 0, "abs")
+    after = Node((Link(2, shift=2), Link(3), Link(0, sign=-1)), 0, 0, "clamped")
+    drawn = Controller((Input(), Input()), (turned, large, after), (Signal(4), Signal(3)), 12)
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    report = prove(Champion(drawn, box_action(2), None), [code], targets=["cortex-m0"], use_cache=False)
+    assert report.passed
+    assert [pair.functions[0].effort.solver for pair in report.pairs] == [0, 0, 0, 0]
+
+
 @pytest.mark.parametrize("seed", [50, 51, 52, 53])
 def test_random_controllers_are_proved(seed: int) -> None:
     for pair in prove_case(case(seed)):
