@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """``python -m tools.champions``: writes the tables, the data and the plot of examples/champions from the champion files themselves.
 
-Scores are evaluated anew: on the report seeds, which must give the score in the file to the bit, and on ``MORE`` seeds behind
-them, as a hundred episodes are too few to see what is rare.
+Scores are evaluated anew: on the ``REPORT`` seeds of the files, which must give the file's score to the bit, and on ``MORE`` seeds
+behind them, as a hundred episodes are too few to see what is rare. What is claimed of a champion are the latter.
 """
 
 from __future__ import annotations
@@ -99,27 +99,30 @@ def row(name: str, champion: Champion, more: int) -> Row:
 
 
 def table(rows: list[Row]) -> str:
-    """A row for each champion."""
+    """What is claimed of each champion."""
     lines = [
-        "| name | environment | mean ± std | worst | nodes | links | bytes | controller |",
-        "|---|---|---|---|---|---|---|---|",
+        "| name | environment | mean ± std | worst | solved | nodes | links | bytes | controller |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for one in rows:
         controller = one.champion.controller
+        solved = "" if one.above is None else f"{100 * one.above:.2f} %"
         lines.append(
-            f"| {one.name} | {one.environment} | {one.report.mean:.1f} ± {one.report.std:.1f} | {one.report.min:.1f} |"
+            f"| {one.name} | {one.environment} | {_score(one.more)} | {solved} |"
             f" {len(controller.nodes)} | {controller.num_links} | {_bytes(one.champion)} | {controller.sha256[:12]} |"
         )
     return "\n".join(lines) + "\n"
 
 
-def more_table(rows: list[Row]) -> str:
-    """What more episodes show."""
-    lines = ["| name | mean ± std | worst | episodes that count as solved |", "|---|---|---|---|"]
-    for one in rows:
-        above = "" if one.above is None else f"{100 * one.above:.2f} %"
-        lines.append(f"| {one.name} | {one.more.mean:.1f} ± {one.more.std:.1f} | {one.more.min:.1f} | {above} |")
+def report_table(rows: list[Row]) -> str:
+    """The scores that the files have."""
+    lines = ["| name | mean ± std | worst |", "|---|---|---|"]
+    lines += [f"| {one.name} | {_score(one.report)} |" for one in rows]
     return "\n".join(lines) + "\n"
+
+
+def _score(score: Score) -> str:
+    return f"{score.mean:.1f} ± {score.std:.1f} | {score.min:.1f}"
 
 
 def front_csv() -> bytes:
@@ -149,7 +152,7 @@ def main() -> int:
         rows.append(row(name, champion, MORE))
         print(f"{name}: {rows[-1].report.mean:.1f}, {rows[-1].more.mean:.1f} over {MORE} more", flush=True)
     page = replaced(PAGE.read_text(encoding="utf-8"), "scores", table(rows))
-    write_atomic(PAGE, replaced(page, "more", more_table(rows)).encode())
+    write_atomic(PAGE, replaced(page, "report", report_table(rows)).encode())
     write_atomic(FOLDER / "front.csv", front_csv())
     points = of_one_environment(collect([FOLDER]), ENVIRONMENTS[0]).points
     write_atomic(FOLDER.parents[1] / "docs" / "pareto.svg", pareto_figure(points, [300.0], "svg"))

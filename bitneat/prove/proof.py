@@ -295,12 +295,19 @@ def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequen
 
 
 def _one_each(candidates: Sequence[Sequence[int]]) -> list[int | None]:
-    """Of places that seem to keep the same signals the first keeps the first of them, the second the second."""
-    taken: Counter[tuple[int, ...]] = Counter()
+    """Of places that seem to keep the same signals each keeps one of the likeliest, in their order if that can be."""
+    places = Counter(map(tuple, candidates))
+    unused = {found: sorted(found[:count]) for found, count in places.items()}
     guess: list[int | None] = []
+    last = -1
     for found in map(tuple, candidates):
-        guess.append(found[min(taken[found], len(found) - 1)] if found else None)
-        taken[found] += 1
+        if not found:
+            guess.append(None)
+            continue
+        left = unused[found] or [found[0]]
+        last = next((signal for signal in left if signal > last), left[0])
+        guess.append(last)
+        left.remove(last)
     return guess
 
 
@@ -399,7 +406,7 @@ def _simulate(
     _check_emulator(subject, inputs, found)
     if wrong:
         raise _NotProved(f"it gives other outputs in step {wrong[0]} from reset")
-    return _meaning(controller, np.array(kept), np.array(signals))
+    return _meaning(model, np.array(kept), np.array(signals))
 
 
 def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None:
@@ -421,12 +428,14 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             )
 
 
-def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[list[int]]:
-    """For each place of the state the signals that it was seen to keep, those that are read with a delay first.
+def _meaning(model: Model, kept: IntArray, signals: IntArray) -> list[list[int]]:
+    """For each place of the state the signals that it was seen to keep, those first that are read with a delay and no constants.
 
     They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it.
     """
+    controller = model.controller
     delayed = sorted({link.source for node in controller.nodes for link in node.links if link.delay})
+    delayed.sort(key=lambda i: model.previous[i].is_const)
     order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
     return [
         [i for i in order if np.array_equal(kept[..., place], signals[..., i])]

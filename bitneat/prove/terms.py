@@ -12,9 +12,10 @@ Every rule here is part of what a proof trusts. `tests/prove/test_terms.py` eval
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import accumulate, pairwise
 from math import gcd
 from typing import Any
 
@@ -108,9 +109,22 @@ def _fits(low: int, high: int, width: int) -> bool:
     return -(1 << (width - 1)) <= low and high < 1 << (width - 1)
 
 
+def _edges(term: Term) -> set[int]:
+    """Where the parts of a term begin, and where the last one ends."""
+    widths = [part.width for part in term.args] if term.op is Op.CONCAT else []
+    if term.op in (Op.ZEXT, Op.SEXT):
+        widths = [term.args[0].width]
+    return {0, *accumulate(widths), term.width}
+
+
 def _is_mask(term: Term) -> bool:
     """Whether all bits are alike, by how it was made."""
     return term.params in ((0,), (-1,)) if term.is_const else term.op is Op.SEXT and term.args[0].width == 1
+
+
+def _is_complement(term: Term) -> bool:
+    """Of a mask, by how it was made."""
+    return term.op is Op.SEXT and term.args[0].width == 1 and term.args[0].op is Op.LIN and term.args[0].params[0] == -1
 
 
 class Terms:
@@ -165,6 +179,11 @@ class Terms:
             part, c = kept[0]
             if (c == 1 or width == 1) and total == 0:
                 return part
+        if any(_is_complement(part) for part, _ in kept):  # sums hold masks alone, with which they may cancel out
+            pieces = [(self.sext(self.invert(p.args[0]), width), -c) if _is_complement(p) else (p, c) for p, c in kept]
+            return self.scaled_sum(width, total - sum(c for p, c in kept if _is_complement(p)), pieces)
+        if len(kept) == 1:
+            part, c = kept[0]
             if c == -1 and total == -1 and width > 1 and part.op is Op.SEXT and part.args[0].width == 1:
                 return self.sext(self.invert(part.args[0]), width)  # the complement of a mask is a mask
         low, high = self._lin_bounds(total, kept)
@@ -454,10 +473,23 @@ class Terms:
         for mask, other in ((x, y), (y, x)):
             if mask.op is Op.SEXT and mask.args[0].width == 1:
                 return self.ite(mask.args[0], other, self.const(x.width, 0))
+        lanes = self._by_lanes(self.bit_and, x, y)
+        if lanes is not None:
+            return lanes
         bounds = None
         if x.low >= 0 or y.low >= 0:
             bounds = (0, min(one.high for one in (x, y) if one.low >= 0))
         return self._make(Op.AND, x.width, self._ordered(x, y), bounds=bounds)
+
+    def _by_lanes(self, operation: Callable[[Term, Term], Term], x: Term, y: Term) -> Term | None:
+        """A bitwise operation on each lane of two vectors, None if they are no vectors of lanes that meet."""
+        if Op.CONCAT not in (x.op, y.op):
+            return None
+        edges = sorted(_edges(x) & _edges(y))
+        if len(edges) < 3:
+            return None
+        lanes = [(low, high - low) for low, high in pairwise(edges)]
+        return self.concat([operation(self.extract(x, *lane), self.extract(y, *lane)) for lane in lanes])
 
     def _masked(self, x: Term, mask: int) -> Term:
         if x.is_const:
@@ -492,6 +524,9 @@ class Terms:
                 return self.ite(mask.args[0], self.const(x.width, -1), other)
             if other.low >= 0 and self._multiple_of(mask, 1 << other.high.bit_length()):
                 return self.add(x, y)  # no bit is set in both
+        lanes = self._by_lanes(self.bit_or, x, y)
+        if lanes is not None:
+            return lanes
         return self._make(Op.OR, x.width, self._ordered(x, y), bounds=self._bits_bounds(x, y))
 
     def bit_xor(self, x: Term, y: Term) -> Term:
@@ -512,6 +547,9 @@ class Terms:
         for mask, other in ((x, y), (y, x)):
             if mask.op is Op.SEXT and mask.args[0].width == 1:
                 return self.ite(mask.args[0], self.invert(other), other)
+        lanes = self._by_lanes(self.bit_xor, x, y)
+        if lanes is not None:
+            return lanes
         return self._make(Op.XOR, x.width, self._ordered(x, y), bounds=self._bits_bounds(x, y))
 
     @staticmethod
@@ -539,6 +577,9 @@ class Terms:
             return self.ite(condition.args[0], otherwise, then)
         if then.width > 1 and not otherwise.is_const and self._are_complements(then, otherwise):
             # x ^ mask, where what follows is mostly - mask: then it is x or -x.
+            if otherwise.op is Op.LIN and otherwise.params[1] < 0:  # the mask is the complement of the condition's
+                chosen = self.ite(condition, then, self.neg(then))
+                return self.scaled_sum(then.width, -1, [(chosen, 1), (self.sext(condition, then.width), -1)])
             return self.add(self.ite(condition, self.neg(otherwise), otherwise), self.sext(condition, then.width))
         if then.width == 1:
             if then.is_const:

@@ -20,7 +20,7 @@ from bitneat.controller.interval import Interval, Intervals, intervals
 from bitneat.prove import check, execute, operations, semantics
 from bitneat.prove.check import PROCESSORS, prove
 from bitneat.prove.equivalence import Lemmas
-from bitneat.prove.proof import FunctionProof, Subject, prove_function
+from bitneat.prove.proof import FunctionProof, Subject, _one_each, prove_function
 from bitneat.prove.terms import Terms
 from bitneat.verify.cfile import CFile
 from bitneat.verify.implementation import HostC, entries
@@ -77,15 +77,16 @@ def controller_with_state() -> Controller:
 
 
 def controller_with_rare_values() -> Controller:
-    """What it keeps is 0 but for few of the 65,535 inputs: no simulation tells one from the other."""
+    """What it keeps is 0, but for few of the 65,535 inputs or for all: no simulation tells one from the other."""
     return Controller(
         inputs=(Input(limit=32767),),
         nodes=(
-            Node((Link(0), Link(1, delay=1), Link(2, delay=1)), -12345, 7, "gauss"),
-            Node((Link(0), Link(2, delay=1)), 6789, 7, "gauss"),
-            Node((Link(1, delay=1), Link(2, delay=1, sign=-1)), 0, 0, "identity"),
+            Node((Link(0),), -(1 << 30), 0, "gauss"),
+            Node((Link(0), Link(2, delay=1), Link(3, delay=1)), -12345, 7, "gauss"),
+            Node((Link(0), Link(3, delay=1)), 6789, 7, "gauss"),
+            Node((Link(1, delay=1), Link(2, delay=1), Link(3, delay=1, sign=-1)), 0, 0, "identity"),
         ),
-        outputs=(Signal(3),),
+        outputs=(Signal(4),),
         frac_bits=8,
     )
 
@@ -96,6 +97,13 @@ def test_places_of_the_state_that_look_alike_are_told_apart(style: Style, tmp_pa
     code = CFile.write(generate(drawn, "legs", style), tmp_path)
     report = prove(Champion(drawn, box_action(1), None), [code], targets=["x86-64"], use_cache=False)
     assert report.passed
+
+
+def test_places_are_guessed_to_keep_signals_in_their_order() -> None:
+    alike = [6, 9, 11, 19]
+    assert _one_each([[7], alike, [10], alike, [18], alike, [], alike]) == [7, 9, 10, 11, 18, 19, None, 6]
+    assert _one_each([[2, 3, 1], [2, 3, 1]]) == [2, 3]
+    assert _one_each([[4], [4], [4]]) == [4, 4, 4]
 
 
 def test_a_state_by_a_wrong_guess_refutes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -118,6 +118,40 @@ def test_sums_have_one_normal_form_however_they_are_added() -> None:
     assert terms.sext(narrow, 32) is terms.add(x, y, z)
 
 
+@pytest.mark.parametrize("below", [True, False])
+def test_a_magnitude_by_a_mask_or_by_its_complement_is_one_choice(below: bool) -> None:
+    terms = Terms()
+    x = terms.var(Atom("x", -9, 9), 32)
+    negative = terms.extract(x, 31, 1)
+    mask = terms.sext(negative if below else terms.invert(negative), 32)
+    plus, minus = (terms.neg(x), x) if below else (x, terms.neg(x))
+    assert terms.sub(terms.bit_xor(x, mask), mask) is terms.ite(negative, plus, minus)
+    others = terms.var(Atom("others", -9, 9), 32)
+    early = terms.sub(terms.add(others, terms.bit_xor(x, mask)), mask)
+    assert early is terms.add(others, terms.ite(negative, plus, minus))
+
+
+def test_a_mask_and_its_complement_make_a_constant_in_any_sum() -> None:
+    terms = Terms()
+    bit = terms.extract(terms.var(Atom("x", -9, 9), 32), 31, 1)
+    mask, complement = terms.sext(bit, 32), terms.sext(terms.invert(bit), 32)
+    assert terms.add(mask, complement) is terms.const(32, -1)
+    other = terms.var(Atom("other", 0, 5), 32)
+    assert terms.add(mask, other, complement) is terms.add(other, terms.const(32, -1))
+    assert terms.sub(terms.const(32, -1), mask) is complement
+
+
+def test_bits_of_vectors_are_taken_lane_by_lane() -> None:
+    terms = Terms()
+    x, y = (terms.var(Atom(name, -9, 9), 16) for name in "xy")
+    masks = [terms.sext(terms.extract(one, 15, 1), 16) for one in (y, x)]
+    vector, mask = terms.concat([x, y]), terms.concat(masks)
+    for operation in (terms.bit_and, terms.bit_or, terms.bit_xor):
+        both = operation(vector, mask)
+        assert terms.extract(both, 0, 16) is operation(x, masks[0])
+        assert terms.extract(both, 16, 16) is operation(y, masks[1])
+
+
 def test_a_sum_that_may_wrap_is_not_taken_for_one_that_does_not() -> None:
     terms = Terms()
     x, y = (terms.var(Atom(name, -20000, 20000), 32) for name in "xy")
