@@ -87,6 +87,17 @@ def test_the_generated_c_agrees_in_gymnasium(name: str, tmp_path: Path) -> None:
     assert all(entry["mismatches"] == 0 for entry in report["targets"])
 
 
+def test_the_project_s_first_page_says_what_the_page_of_champions_says() -> None:
+    readme = (FOLDER.parents[1] / "README.md").read_text(encoding="utf-8")
+    reward = f"| {CLAIMS['tiny'][2]} (solved is 300); {CLAIMS['tiny'][4]} of the episodes at 300 or more |"
+    assert reward in readme
+    assert (
+        f"| packed: topology, weights, activations, all | {CLAIMS['tiny'][7]} bytes, {CLAIMS['tiny'][6]} links;"
+        in readme
+    )
+    assert f", {CLAIMS['walker'][2]}, takes {CLAIMS['walker'][7]} |" in readme
+
+
 def test_every_environment_that_the_page_promises_has_a_champion() -> None:
     assert {one.environment.id for one in CHAMPIONS.values() if one.environment} == set(ENVIRONMENTS)
 
