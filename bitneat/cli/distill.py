@@ -14,15 +14,15 @@ from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
     from bitneat.distill.imitation import RoundRow
-    from bitneat.distill.run import ReinforceRow
+    from bitneat.distill.run import ReinforceRow, RoundingRow
 
 HELP = "train a ternary controller to imitate a float champion of the walker (needs bitneat[baselines])"
 DESCRIPTION = """\
 Trains a small layered network to do what a float champion does, where the small
 one itself goes (DAgger). It computes with integer weights and power-of-two gains
 from early on, so that the controller is what was trained. With --reinforce it
-goes on by its own reward before that. The same command again goes on, if it was
-stopped. docs/distill.md explains it."""
+goes on by its own reward, with real weights, and is rounded at the end. The same
+command again goes on, if it was stopped. docs/distill.md explains it."""
 EXAMPLE = """\
   bitneat baseline ppo --hardcore -o teacher
   bitneat distill teacher/champion.pkl -o student
@@ -31,7 +31,7 @@ EXAMPLE = """\
 FILES = """\
   TEACHER          read: the champion.pkl or champion.json of a float network
   RUN/             written: distill.json, imitation.pt, reinforcement.pt,
-                   rounding.pt, champion.pkl, champion.json"""
+                   champion.pkl, champion.json"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         type=whole_number(3, 1000),
         default=16,
-        help="rounds of walking and learning (default 16)",
+        help="rounds of walking and learning; with --reinforce, of rounding (default 16)",
     )
     training.add_argument(
         "--updates",
@@ -120,5 +120,5 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tell(row: RoundRow | ReinforceRow) -> None:
+def _tell(row: RoundRow | ReinforceRow | RoundingRow) -> None:
     print(row.line, file=sys.stderr, flush=True)

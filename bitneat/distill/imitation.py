@@ -2,9 +2,8 @@
 """Imitation: a student learns what another network does where the student itself goes (DAgger: Ross, Gordon and Bagnell 2011).
 
 A round walks episodes, the first with the teacher's actions and the others with the student's; the teacher says what it would have
-done in each step of them; and the student learns from all rounds so far. The teacher may be the student as it was before its
-weights became integers. What a round walks depends on the seed, the round and the student before it, so that a run that is
-resumed walks the same episodes again instead of keeping millions of observations on disk.
+done in each step of them; and the student learns from all rounds so far. What a round walks depends on the seed, the round and the
+student before it, so that a run that is resumed walks the same episodes again instead of keeping millions of observations on disk.
 
 Importing this needs PyTorch.
 """
@@ -92,12 +91,9 @@ class Imitation:
         hardcore: whether it walks in BipedalWalkerHardcore-v3.
         settings: how.
         seed: of all randomness.
-        start: a student to begin with, which stays as it is; if not given, one begins with random weights.
     """
 
-    def __init__(
-        self, label: Label, hardcore: bool, settings: DistillSettings, seed: int, start: Student | None = None
-    ) -> None:
+    def __init__(self, label: Label, hardcore: bool, settings: DistillSettings, seed: int) -> None:
         self.hardcore, self.settings, self.seed = hardcore, settings, seed
         self.rows: list[RoundRow] = []
         self.candidates: list[tuple[float, Controller]] = []
@@ -109,9 +105,7 @@ class Imitation:
         self._generator = torch.Generator().manual_seed(seed)
         torch.manual_seed(seed)
         self._collect(None)
-        if start is None:
-            start = Student(self._scales(), settings.hidden, _ACTIONS, settings.planes)
-        self._begin_with(self._student(start.state()))
+        self._begin_with(Student(self._scales(), settings.hidden, _ACTIONS, settings.planes))
 
     def _student(self, state: dict[str, Any]) -> Student:
         return Student.from_state(state, self.settings.hidden, _ACTIONS, self.settings.planes)

@@ -7,12 +7,15 @@ Importing this needs PyTorch.
 from __future__ import annotations
 
 import json
+import math
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import torch
 
 from bitneat.baselines import checkpoint
@@ -20,8 +23,10 @@ from bitneat.baselines.evaluation import batched
 from bitneat.baselines.training import MAX_SEED
 from bitneat.champion import Champion, FloatChampion, save_json, save_pickle
 from bitneat.controller import Controller
+from bitneat.controller.packing import pack
 from bitneat.distill.imitation import DistillSettings, Imitation, RoundRow
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
+from bitneat.distill.student import Student
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
@@ -34,9 +39,10 @@ from bitneat.sim.walker.rollout import run_policy
 from bitneat.sim.walker.vector import step_limit
 from bitneat.version import __version__
 
-RUN, IMITATION, REINFORCEMENT, ROUNDING = "distill.json", "imitation.pt", "reinforcement.pt", "rounding.pt"
-_FORMAT, _VERSION = "bitneat-distill", 2
+RUN, IMITATION, REINFORCEMENT = "distill.json", "imitation.pt", "reinforcement.pt"
+_FORMAT, _VERSION = "bitneat-distill", 3
 _TRIED, _FINAL, _REPORT = 32, 200, 100
+_ROUNDING_STREAM = 0x2094
 _EVERY = 15
 """Updates of reinforcement between two evaluations of the student."""
 
@@ -58,7 +64,32 @@ class ReinforceRow:
         return f"steps {self.steps} recent mean {recent} reward {self.mean:.1f} with real weights"
 
 
-Tell = Callable[[RoundRow | ReinforceRow], None]
+@dataclass(frozen=True)
+class RoundingRow:
+    """One rounding of a student to integers."""
+
+    number: int
+    loss: float
+    """Mean squared difference of the actions to those with real weights."""
+    mean: float
+    """Reward on the selection seeds."""
+    packed_bytes: int
+
+    @property
+    def line(self) -> str:
+        """For whoever watches."""
+        return f"rounding {self.number} loss {self.loss:.4f} reward {self.mean:.1f} in {self.packed_bytes} bytes"
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    count: int
+    walkers: int
+    hardcore: bool
+    seed: int
+
+
+Tell = Callable[[RoundRow | ReinforceRow | RoundingRow], None]
 
 
 def distill(
@@ -72,8 +103,8 @@ def distill(
 ) -> tuple[Champion, Score]:
     """Train a student, and write the best controller that it was as a champion.
 
-    With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and then a second student,
-    which begins with its weights, imitates it with integers. Without, the student imitates the teacher all along.
+    With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and is rounded then.
+    Without, the student imitates the teacher all along, with integers after the first rounds.
 
     If the folder holds the same run, it goes on from there.
 
@@ -116,20 +147,20 @@ def distill(
         try:
             if reinforce.steps:
                 first = replace(settings, rounds=settings.float_rounds)
-                student = _imitated(
-                    folder / IMITATION, Imitation(label, hardcore, first, seed), evaluator, tell
-                ).student
+                imitation = Imitation(label, hardcore, first, seed)
+                student = _imitated(folder / IMITATION, imitation, evaluator, tell).student
                 _reinforced(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
-                settings = replace(settings, float_rounds=0)
-                last = Imitation(student.act, hardcore, settings, seed, start=student)
+                rounds = _Rounds(settings.rounds, settings.walkers, hardcore, seed)
+                controllers = _rounded(student, rounds, evaluator, tell)
             else:
-                last = Imitation(label, hardcore, settings, seed)
-            candidates = _imitated(folder / ROUNDING, last, evaluator, tell).candidates
+                imitation = Imitation(label, hardcore, settings, seed)
+                candidates = _imitated(folder / IMITATION, imitation, evaluator, tell).candidates
+                controllers = [controller for _, controller in candidates]
         finally:
             torch.set_num_threads(threads)
             torch.set_rng_state(torch_state)
             random.setstate(python_state)
-        return _finish(folder, teacher, [controller for _, controller in candidates], evaluator, run)
+        return _finish(folder, teacher, controllers, evaluator, run)
 
 
 def _imitated(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell) -> Imitation:
@@ -152,6 +183,33 @@ def _reinforced(path: Path, training: Reinforcement, tell: Tell) -> None:
             tell(ReinforceRow(training.steps, training.recent, _walked(training)))
     finally:
         training.close()
+
+
+def _rounded(student: Student, run: _Rounds, evaluator: Evaluator, tell: Tell) -> list[Controller]:
+    """The controllers that several roundings of a student come to, each by other episodes of it and other orders."""
+    controllers = []
+    for number in range(run.count):
+        rng = np.random.default_rng([_ROUNDING_STREAM, run.seed, number])
+        observations = _observed(student, rng.choice(SELECTION_START, run.walkers, replace=False), run.hardcore)
+        integers = student.rounded(observations, rng)
+        loss = float(((integers.act(observations) - student.act(observations)) ** 2).mean())
+        controllers.append(integers.controller())
+        row = evaluator.evaluate(controllers[-1:], selection_seeds(_TRIED))[0]
+        mean = math.fsum(each.reward for each in row) / len(row)
+        tell(RoundingRow(number + 1, loss, mean, len(pack(controllers[-1]))))
+    return controllers
+
+
+def _observed(student: Student, seeds: npt.NDArray[np.int64], hardcore: bool) -> npt.NDArray[np.float32]:
+    """What a student sees in some episodes: (n, inputs)."""
+    seen: list[npt.NDArray[np.float32]] = []
+
+    def act(_: npt.NDArray[np.int32], observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        seen.append(observations.copy())
+        return student.act(observations)
+
+    run_policy(act, [int(seed) for seed in seeds], step_limit(hardcore), hardcore=hardcore)
+    return np.concatenate(seen)
 
 
 def _walked(training: Reinforcement) -> float:

@@ -24,12 +24,20 @@ from torch.nn.functional import hardtanh, linear
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.ir import GAIN_RANGE
+from bitneat.distill.rounding import round_row
 
 FRAC_BITS = 8
 LIMIT = 2047
 """Of an input, in units of 2^-8: beyond 8, times the power of two that it is scaled by, an observation is clipped."""
 _LEAST_SHIFT = -4
 """How many powers of two an input that matters little may be scaled by less than the one that matters most."""
+
+_CLIPPED = 1.2
+"""Beyond this a node is clamped whatever a small error does, so such samples hardly count."""
+_CLIPPED_WEIGHT = 0.03
+_TARGET_LIMIT = 1.6
+_DAMPING = 1e-4
+"""What keeps a layer's weights near the real ones where the samples do not say what they should be."""
 
 
 class QuantizedLinear(nn.Module):
@@ -60,6 +68,12 @@ class QuantizedLinear(nn.Module):
             both = torch.cat((self.weight, self.bias[:, None]), dim=1)
             error = ((self._rounded(both, candidates) * torch.exp2(candidates) - both) ** 2).sum(2)
             self.exponents.copy_(candidates[error.argmin(0), 0, 0])
+
+    def set_row(self, row: int, integers: Sequence[int], exponent: int) -> None:
+        """Let a row's weights and, last, its bias be integers times a power of two."""
+        with torch.no_grad():
+            values = torch.tensor([math.ldexp(int(x), exponent) for x in integers])
+            self.weight[row], self.bias[row], self.exponents[row] = values[:-1], values[-1], float(exponent)
 
     def _rounded(self, values: Any, exponents: Any) -> Any:
         return torch.round(values / torch.exp2(exponents)).clamp(-self.largest, self.largest)
@@ -147,9 +161,45 @@ class Student(nn.Module):
             student.layers[0].weight /= torch.exp2(shifts)
         return student
 
+    def rounded(self, observations: npt.NDArray[np.float32], rng: np.random.Generator) -> Student:
+        """A student with integers that does what this one with real weights does, nearly.
+
+        A layer reads what the rounded layers below make of the observations, and is fitted to the sums of the real network.
+
+        Args:
+            observations: (n, inputs) where it goes.
+            rng: for the orders of rounding.
+        """
+        result = self.balanced()
+        with torch.no_grad():
+            real = result.inputs(torch.from_numpy(observations)).numpy().astype(np.float64)
+            seen = real
+            for number, layer in enumerate(result.layers):
+                sums = real @ layer.weight.numpy().astype(np.float64).T + layer.bias.numpy().astype(np.float64)
+                columns = np.concatenate((seen, np.ones((len(seen), 1))), axis=1)
+                for row in range(len(layer.weight)):
+                    weights = np.where(np.abs(sums[:, row]) < _CLIPPED, 1.0, _CLIPPED_WEIGHT)[:, None]
+                    gram = (columns * weights).T @ columns / len(columns)
+                    target = np.append(layer.weight[row].numpy(), layer.bias[row].numpy()).astype(np.float64)
+                    if number:  # what the rounded layers below make of the observations is not what the real ones do
+                        damping = _DAMPING * np.trace(gram) / len(target)
+                        wanted = np.clip(sums[:, row], -_TARGET_LIMIT, _TARGET_LIMIT)
+                        right = (columns * weights).T @ wanted / len(columns) + damping * target
+                        target = np.linalg.solve(gram + damping * np.eye(len(target)), right)
+                    found = round_row(target, gram, layer.planes, rng)
+                    layer.set_row(row, found.integers.tolist(), found.exponent)
+                layer.quantized = True
+                real = np.clip(sums, -1.0, 1.0)
+                seen = layer(torch.from_numpy(seen.astype(np.float32))).clamp(-1.0, 1.0).numpy().astype(np.float64)
+        return result
+
+    def inputs(self, observations: Any) -> Any:
+        """What the first layer reads: scaled, rounded and clipped as the controller's inputs are."""
+        return torch.clamp(torch.round(observations * self._factor), -self._limit, self._limit) / (1 << FRAC_BITS)
+
     def before_clamping(self, observations: Any) -> Any:
         """The sums of the last layer's nodes: observations (n, inputs) to (n, outputs)."""
-        x = torch.clamp(torch.round(observations * self._factor), -self._limit, self._limit) / (1 << FRAC_BITS)
+        x = self.inputs(observations)
         for layer in list(self.layers)[:-1]:
             x = hardtanh(layer(x))
         return self.layers[-1](x)

@@ -102,3 +102,25 @@ def test_gradients_pass_through_the_integers() -> None:
     layer(torch.ones(1, 3)).sum().backward()
     assert torch.equal(layer.weight.grad, torch.ones(2, 3))
     assert torch.equal(layer.bias.grad, torch.ones(2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rounded_student_does_what_the_one_with_real_weights_does(seed: int) -> None:
+    torch.manual_seed(seed)
+    student = Student([0, 1, 2, 1, 0, 2, 1, 0], [12, 8], 4, 3)
+    before = student.state()["tensors"]
+    rng = np.random.default_rng(seed)
+    common = rng.normal(size=(2000, 2))
+    observations = (1.5 + common @ rng.normal(size=(2, 8)) + 0.3 * rng.normal(size=(2000, 8))).astype(np.float32)
+    one_by_one = student.balanced()
+    one_by_one.quantize(True)
+    found = student.rounded(observations, rng)
+    wanted = student.act(observations)
+    errors = [float(((each.act(observations) - wanted) ** 2).mean()) for each in (found, one_by_one)]
+    assert errors[0] < 0.3 * errors[1]
+    weights, biases, exponents = (x.detach().numpy() for x in found.layers[0].integers())
+    scale = 2.0**exponents
+    assert np.array_equal(weights * scale[:, None], found.layers[0].weight.detach().numpy())
+    assert np.array_equal(biases * scale, found.layers[0].bias.detach().numpy())
+    assert found.controller().is_ternary
+    assert all(torch.equal(value, before[name]) for name, value in student.state_dict().items())
