@@ -19,7 +19,7 @@ import numpy.typing as npt
 from bitneat.prove.evaluation import each_value, signed_values, values_of
 from bitneat.prove.queries import differ
 from bitneat.prove.semantics import Cut, IntArray, Model
-from bitneat.prove.terms import Atom, Op, Term, Terms, cone, rebuild, resized, substituted
+from bitneat.prove.terms import Atom, Op, Term, Terms, cone, rebuild, resized, signed, substituted
 
 EXHAUSTIVE = 1 << 18
 """Up to so many values of a sum are all tried; for more, a solver is asked first."""
@@ -374,7 +374,7 @@ class Equivalence:
         moved: tuple[int, int],
         sums: IntArray,
     ) -> bool:
-        factor, offset = moved
+        factor, offset = (signed(one, 64) for one in moved)  # modulo 2^64, as NumPy computes
         mask = np.uint64((1 << left.width) - 1)
         argument = self._argument(chain[-1], direction, sums)
         for cut, after in zip(reversed(chain), [*reversed(chain[:-1]), None], strict=True):
