@@ -32,6 +32,8 @@ _SECONDS_EACH = 20.0
 _SECONDS_GUESS = 2.0
 _SECONDS_WHOLE = 30.0
 _GUESSES = 10
+_DEEP = 3
+"""Definitions of definitions that a solver is given at once."""
 _WIDTHS = (16, 32, 64)
 """Bits of the numbers that a value of the reference may stand in."""
 
@@ -207,7 +209,22 @@ class Equivalence:
         if compared or not guess or self._guesses >= _GUESSES:
             return False
         self._guesses += 1
-        return self._asked(term, self._moved(cut.definition, term.width, factor, offset), _SECONDS_GUESS)
+        wanted = self._without_others(cut.definition, term)
+        return self._asked(term, self._moved(wanted, term.width, factor, offset), _SECONDS_GUESS)
+
+    def _without_others(self, definition: Term, term: Term) -> Term:
+        """A definition with those of the cuts that the term does not have, as where code puts a clip of an input into a sum."""
+        there = {one.atom for one in cone([term])}
+        for _ in range(_DEEP):
+            others: dict[Atom | None, Term] = {
+                one.atom: self._cut_of[one.atom].definition
+                for one in cone([definition])
+                if one.atom in self._cut_of and one.atom not in there
+            }
+            if not others:
+                break
+            (definition,) = substituted(self._terms, [definition], others)
+        return definition
 
     def _above(self, term: Term, chain: Sequence[Cut]) -> dict[Atom | None, Term]:
         """The definitions of a chain, and of what else in the term is made of its last alone.

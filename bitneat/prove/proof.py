@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice, permutations, product
 from typing import Any, Literal
 
 import numpy as np
@@ -30,6 +31,8 @@ Verdict = Literal["proved", "refuted", "not proved"]
 
 _SAMPLES = 256
 _LANES = 32
+_MOST_GUESSES = 400
+"""Of what the places of a state may keep."""
 _STEPS = 12
 _TRIES = 512
 _RARE = 4
@@ -240,7 +243,7 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
         atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in _others(made, samples)
     }
 
-    seen, meaning = candidates, _one_each(candidates)
+    seen, meaning = candidates, _that_agrees(executed, model, samples, candidates)
     while True:
         proof.meaning = meaning
         equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
@@ -292,6 +295,43 @@ def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequen
     if now is None or equivalence.is_shown(term, model.signals[now]):
         return now
     return next((one for one in candidates if equivalence.is_shown(term, model.signals[one])), now)
+
+
+def _that_agrees(
+    executed: _Executed, model: Model, samples: Mapping[Atom, IntArray], candidates: Sequence[Sequence[int]]
+) -> list[int | None]:
+    """What places keep, so that steps from all sampled states give what the model says; the likeliest if nothing does."""
+    guess = _one_each(candidates)
+    if not model.previous:
+        return guess
+    before, after = model.previous_values(samples, _SAMPLES), model.signal_values(samples, _SAMPLES)
+    outputs = [np.broadcast_to(signed_values(one, 16), (_SAMPLES,)) for one in values_of(model.outputs, samples)]
+    for meaning in islice(_guesses(candidates, guess), _MOST_GUESSES):
+        kept = {atom: before[:, i] for atom, i in zip(executed.slots, meaning, strict=True) if i is not None}
+        found = values_of([*executed.outputs, *executed.state], {**samples, **kept})
+        wanted = outputs + [None if i is None else after[:, i] for i in meaning]
+        if all(
+            column is None or np.array_equal(np.broadcast_to(signed_values(one, 16), (_SAMPLES,)), column)
+            for one, column in zip(found, wanted, strict=True)
+        ):
+            return meaning
+    return guess
+
+
+def _guesses(candidates: Sequence[Sequence[int]], likeliest: list[int | None]) -> Iterator[list[int | None]]:
+    """All that places may keep, where those that seem to keep the same signals keep different ones."""
+    yield likeliest
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for place, found in enumerate(candidates):
+        if len(found) > 1:
+            groups.setdefault(tuple(found), []).append(place)
+    ways = [permutations(found, min(len(places), len(found))) for found, places in groups.items()]
+    for chosen in product(*ways):
+        meaning = list(likeliest)
+        for places, signals in zip(groups.values(), chosen, strict=True):
+            for place, signal in zip(places, signals, strict=False):
+                meaning[place] = signal
+        yield meaning
 
 
 def _one_each(candidates: Sequence[Sequence[int]]) -> list[int | None]:

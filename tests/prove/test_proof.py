@@ -107,7 +107,7 @@ def test_places_are_guessed_to_keep_signals_in_their_order() -> None:
 
 
 def test_a_state_by_a_wrong_guess_refutes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("bitneat.prove.proof._one_each", lambda candidates: [found[0] for found in candidates])
+    monkeypatch.setattr("bitneat.prove.proof._that_agrees", lambda *arguments: [found[0] for found in arguments[-1]])
     drawn = controller_with_rare_values()
     code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
     report = prove(
@@ -195,7 +195,7 @@ def test_a_value_is_found_where_code_takes_its_magnitude_first_and_that_is_anoth
     assert [pair.functions[0].effort.solver for pair in report.pairs] == [0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("seed", [50, 51, 52, 53])
+@pytest.mark.parametrize("seed", [50, 51, 52, 53, 145, 201, 230])  # the last three once were not proved
 def test_random_controllers_are_proved(seed: int) -> None:
     for pair in prove_case(case(seed)):
         assert pair.proved, f"seed {seed}: {pair.target} {pair.optimization}: {pair.to_data()}"
