@@ -19,7 +19,7 @@ from tools.champions import ENVIRONMENTS, FOLDER, PAGE, champions, evaluator, fr
 
 ASKED = {
     "BipedalWalker-v3": 300.0,
-    "BipedalWalkerHardcore-v3": 0.0,
+    "BipedalWalkerHardcore-v3": 100.0,
     "LunarLander-v3": 200.0,
     "CartPole-v1": 475.0,
     "Acrobot-v1": -100.0,
@@ -96,6 +96,7 @@ def test_the_project_s_first_page_says_what_the_page_of_champions_says() -> None
         in readme
     )
     assert f", {CLAIMS['walker'][2]}, takes {CLAIMS['walker'][7]} |" in readme
+    assert f"4,000 unseen episodes | {CLAIMS['hardcore'][2]} in {CLAIMS['hardcore'][7]} bytes;" in readme
 
 
 def test_every_environment_that_the_page_promises_has_a_champion() -> None:
