@@ -87,6 +87,13 @@ def test_the_generated_c_agrees_in_gymnasium(name: str, tmp_path: Path) -> None:
     assert all(entry["mismatches"] == 0 for entry in report["targets"])
 
 
+@pytest.mark.long
+def test_the_generated_c_of_the_largest_agrees_for_a_whole_episode_on_every_chip(tmp_path: Path) -> None:
+    source = str(tmp_path / "hardcore.c")
+    assert main(["codegen", str(FOLDER / "hardcore.pkl"), "-o", source]) == 0
+    assert main(["verify", str(FOLDER / "hardcore.pkl"), "--c", source, "--episodes", "1"]) == 0
+
+
 def test_the_project_s_first_page_says_what_the_page_of_champions_says() -> None:
     readme = (FOLDER.parents[1] / "README.md").read_text(encoding="utf-8")
     reward = f"| {CLAIMS['tiny'][2]} (solved is 300); {CLAIMS['tiny'][4]} of the episodes at 300 or more |"

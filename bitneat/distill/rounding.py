@@ -97,13 +97,16 @@ class _Row:
         both = 2 * self.scale**2 * self.gram[np.ix_(places, places)] * np.outer(signs, signs)
         both[places[:, None] == places] = np.inf
         slope = self.gram @ (integers * self.scale - self.target)
+        least = (
+            1e-9 * self.scale**2 * float(np.trace(self.gram))
+        )  # below it, rounding might make the changes go in circles
         while True:
             alone = 2 * slope[places] * signs * self.scale + np.diag(self.gram)[places] * self.scale**2
             alone[np.abs(integers[places] + signs) > self.largest] = np.inf
             pairs = alone[:, None] + alone + both
             one, pair = int(alone.argmin()), divmod(int(pairs.argmin()), len(places))
             moves = [one] if alone[one] <= pairs[pair] else list(pair)
-            if min(alone[one], pairs[pair]) > -1e-12:
+            if min(alone[one], pairs[pair]) > -least:
                 return
             for move in moves:
                 integers[places[move]] += signs[move]

@@ -175,17 +175,14 @@ class Terms:
         total, kept = _normal(width, constant, parts)
         if not kept:
             return self.const(width, total)
-        if len(kept) == 1:
-            part, c = kept[0]
-            if (c == 1 or width == 1) and total == 0:
-                return part
+        first, c = kept[0]
+        if len(kept) == 1 and (c == 1 or width == 1) and total == 0:
+            return first
         if any(_is_complement(part) for part, _ in kept):  # sums hold masks alone, with which they may cancel out
             pieces = [(self.sext(self.invert(p.args[0]), width), -c) if _is_complement(p) else (p, c) for p, c in kept]
             return self.scaled_sum(width, total - sum(c for p, c in kept if _is_complement(p)), pieces)
-        if len(kept) == 1:
-            part, c = kept[0]
-            if c == -1 and total == -1 and width > 1 and part.op is Op.SEXT and part.args[0].width == 1:
-                return self.sext(self.invert(part.args[0]), width)  # the complement of a mask is a mask
+        if len(kept) == 1 and c == -1 and total == -1 and width > 1 and _is_mask(first):
+            return self.sext(self.invert(first.args[0]), width)  # the complement of a mask is a mask
         low, high = self._lin_bounds(total, kept)
         return self._make(
             Op.LIN,

@@ -69,3 +69,13 @@ def test_a_bias_has_no_plane_that_no_weight_has() -> None:
     found = round_row(target, gram, 3, np.random.default_rng(0))
     assert keeps_its_promises(found, target, gram, 3)
     assert found.integers[-1] > 0
+
+
+@pytest.mark.parametrize("unit", [1e-8, 1e8])
+def test_the_unit_of_the_inputs_does_not_matter(unit: float) -> None:
+    rng = np.random.default_rng(1)
+    columns = samples(rng, 25)
+    target, gram = rng.normal(0.0, 0.3, 25), columns.T @ columns / 500
+    found, other = (round_row(target, factor * gram, 3, np.random.default_rng(0)) for factor in (1.0, unit))
+    assert found.exponent == other.exponent
+    assert np.array_equal(found.integers, other.integers)
