@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +83,18 @@ Label = Callable[[Floats], npt.NDArray[Any]]
 """What a teacher does: observations (n, 24) to actions (n, 4)."""
 
 
+def observed(act: Callable[[Floats], Floats], seeds: Sequence[int], hardcore: bool) -> Floats:
+    """What a policy, observations (n, 24) to actions (n, 4), sees in an episode on each seed: (steps of all, 24)."""
+    seen: list[Floats] = []
+
+    def noted(_: npt.NDArray[np.int32], observations: Floats) -> Floats:
+        seen.append(observations.copy())
+        return act(observations)
+
+    run_policy(noted, seeds, step_limit(hardcore), hardcore=hardcore)
+    return np.concatenate(seen)
+
+
 class Imitation:
     """The state of a run.
 
@@ -123,16 +135,13 @@ class Imitation:
         number = len(self._observations)
         rng = np.random.default_rng([0xD157, self.seed, number])
         seeds = [int(s) for s in rng.choice(SELECTION_START, self.settings.walkers, replace=False)]
-        seen: list[Floats] = []
 
-        def act(_: npt.NDArray[np.int32], observations: Floats) -> Floats:
-            seen.append(observations.copy())
+        def act(observations: Floats) -> Floats:
             actions = self._labels(observations) if student is None else student.act(observations)
             noisy = actions + self.settings.noise * rng.standard_normal(actions.shape)
             return np.clip(noisy, -1.0, 1.0).astype(np.float32)
 
-        run_policy(act, seeds, step_limit(self.hardcore), hardcore=self.hardcore)
-        observations = np.concatenate(seen)
+        observations = observed(act, seeds, self.hardcore)
         self._observations.append(observations)
         self._actions.append(self._labels(observations))
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from bitneat.baselines import checkpoint
@@ -24,7 +23,7 @@ from bitneat.baselines.training import MAX_SEED
 from bitneat.champion import Champion, FloatChampion, save_json, save_pickle
 from bitneat.controller import Controller
 from bitneat.controller.packing import pack
-from bitneat.distill.imitation import DistillSettings, Imitation, RoundRow
+from bitneat.distill.imitation import DistillSettings, Imitation, RoundRow, observed
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
 from bitneat.distill.student import Student
 from bitneat.errors import BitneatError
@@ -190,7 +189,8 @@ def _rounded(student: Student, run: _Rounds, evaluator: Evaluator, tell: Tell) -
     controllers = []
     for number in range(run.count):
         rng = np.random.default_rng([_ROUNDING_STREAM, run.seed, number])
-        observations = _observed(student, rng.choice(SELECTION_START, run.walkers, replace=False), run.hardcore)
+        seeds = [int(s) for s in rng.choice(SELECTION_START, run.walkers, replace=False)]
+        observations = observed(student.act, seeds, run.hardcore)
         integers = student.rounded(observations, rng)
         loss = float(((integers.act(observations) - student.act(observations)) ** 2).mean())
         controllers.append(integers.controller())
@@ -198,18 +198,6 @@ def _rounded(student: Student, run: _Rounds, evaluator: Evaluator, tell: Tell) -
         mean = math.fsum(each.reward for each in row) / len(row)
         tell(RoundingRow(number + 1, loss, mean, len(pack(controllers[-1]))))
     return controllers
-
-
-def _observed(student: Student, seeds: npt.NDArray[np.int64], hardcore: bool) -> npt.NDArray[np.float32]:
-    """What a student sees in some episodes: (n, inputs)."""
-    seen: list[npt.NDArray[np.float32]] = []
-
-    def act(_: npt.NDArray[np.int32], observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        seen.append(observations.copy())
-        return student.act(observations)
-
-    run_policy(act, [int(seed) for seed in seeds], step_limit(hardcore), hardcore=hardcore)
-    return np.concatenate(seen)
 
 
 def _walked(training: Reinforcement) -> float:
