@@ -35,7 +35,6 @@ _LEAST_SHIFT = -4
 _CLIPPED = 1.2
 """Beyond this a node is clamped whatever a small error does, so such samples hardly count."""
 _CLIPPED_WEIGHT = 0.03
-_TARGET_LIMIT = 1.6
 _DAMPING = 1e-4
 """What keeps a layer's weights near the real ones where the samples do not say what they should be."""
 
@@ -183,8 +182,7 @@ class Student(nn.Module):
                     target = np.append(layer.weight[row].numpy(), layer.bias[row].numpy()).astype(np.float64)
                     if number:  # what the rounded layers below make of the observations is not what the real ones do
                         damping = _DAMPING * np.trace(gram) / len(target)
-                        wanted = np.clip(sums[:, row], -_TARGET_LIMIT, _TARGET_LIMIT)
-                        right = (columns * weights).T @ wanted / len(columns) + damping * target
+                        right = (columns * weights).T @ sums[:, row] / len(columns) + damping * target
                         target = np.linalg.solve(gram + damping * np.eye(len(target)), right)
                     found = round_row(target, gram, layer.planes, rng)
                     layer.set_row(row, found.integers.tolist(), found.exponent)

@@ -446,7 +446,7 @@ def _simulate(
     _check_emulator(subject, inputs, found)
     if wrong:
         raise _NotProved(f"it gives other outputs in step {wrong[0]} from reset")
-    return _meaning(model, np.array(kept), np.array(signals))
+    return _meaning(controller, np.array(kept), np.array(signals))
 
 
 def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None:
@@ -468,14 +468,12 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             )
 
 
-def _meaning(model: Model, kept: IntArray, signals: IntArray) -> list[list[int]]:
-    """For each place of the state the signals that it was seen to keep, those first that are read with a delay and no constants.
+def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[list[int]]:
+    """For each place of the state the signals that it was seen to keep, those that are read with a delay first.
 
     They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it.
     """
-    controller = model.controller
     delayed = sorted({link.source for node in controller.nodes for link in node.links if link.delay})
-    delayed.sort(key=lambda i: model.previous[i].is_const)
     order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
     return [
         [i for i in order if np.array_equal(kept[..., place], signals[..., i])]

@@ -22,7 +22,7 @@ from bitneat.prove import check, execute, operations, semantics
 from bitneat.prove.check import PROCESSORS, prove
 from bitneat.prove.equivalence import Lemmas
 from bitneat.prove.proof import FunctionProof, Subject, _one_each, prove_function
-from bitneat.prove.terms import Terms
+from bitneat.prove.terms import Atom, Terms
 from bitneat.verify.cfile import CFile
 from bitneat.verify.implementation import HostC, entries
 from bitneat.verify.targets.chips import CHIPS
@@ -185,6 +185,23 @@ def test_a_value_is_within_what_its_activation_can_give_where_it_is_a_multiple_o
     assert report.passed
 
 
+@pytest.mark.parametrize(
+    ("bounds", "constant", "factor", "found"),
+    [
+        ((0, 7), 1, 2, (0, 3)),
+        ((0, 7), 1, -2, (-3, 0)),
+        ((-100, 100), 0, 1, (-10, 10)),
+        ((-5, 5), 1 << 31, 1, None),
+    ],
+)
+def test_bounds_of_a_part_are_those_of_the_whole(
+    bounds: tuple[int, int], constant: int, factor: int, found: tuple[int, int] | None
+) -> None:
+    part = Terms().var(Atom("part", -10, 10), 32)
+    expected = None if found is None else Interval(*found)
+    assert semantics._unscaled_bounds(Interval(*bounds), part, constant, factor) == expected
+
+
 def test_a_value_is_found_where_code_takes_its_magnitude_first_and_that_is_another_value(tmp_path: Path) -> None:
     turned = Node((Link(0), Link(1)), 0, -1, "tanh")
     large = Node((Link(2),), 0, 0, "abs")
@@ -196,7 +213,7 @@ def test_a_value_is_found_where_code_takes_its_magnitude_first_and_that_is_anoth
     assert [pair.functions[0].effort.solver for pair in report.pairs] == [0, 0, 0, 0]
 
 
-@pytest.mark.parametrize("seed", [50, 51, 52, 53, 145, 201, 230, 690])  # the last four once were not proved
+@pytest.mark.parametrize("seed", [50, 51, 52, 53, 201, 230, 284, 690])  # the last four once were not proved
 def test_random_controllers_are_proved(seed: int) -> None:
     for pair in prove_case(case(seed)):
         assert pair.proved, f"seed {seed}: {pair.target} {pair.optimization}: {pair.to_data()}"

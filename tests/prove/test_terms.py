@@ -143,13 +143,39 @@ def test_a_mask_and_its_complement_make_a_constant_in_any_sum() -> None:
 
 def test_bits_of_vectors_are_taken_lane_by_lane() -> None:
     terms = Terms()
-    x, y = (terms.var(Atom(name, -9, 9), 16) for name in "xy")
-    masks = [terms.sext(terms.extract(one, 15, 1), 16) for one in (y, x)]
-    vector, mask = terms.concat([x, y]), terms.concat(masks)
+    lanes = [terms.var(Atom(name, -9, 9), width) for name, width in (("x", 8), ("y", 32), ("z", 8))]
+    masks = [terms.sext(terms.extract(lanes[1 - i], 7, 1), one.width) for i, one in enumerate(lanes)]
+    vector, mask = terms.concat(lanes), terms.concat(masks)
     for operation in (terms.bit_and, terms.bit_or, terms.bit_xor):
-        both = operation(vector, mask)
-        assert terms.extract(both, 0, 16) is operation(x, masks[0])
-        assert terms.extract(both, 16, 16) is operation(y, masks[1])
+        both, at = operation(vector, mask), 0
+        for lane, own in zip(lanes, masks, strict=True):
+            assert terms.extract(both, at, lane.width) is operation(lane, own)
+            at += lane.width
+
+
+@pytest.mark.parametrize("complement", [False, True])
+def test_a_choice_by_the_sign_of_a_difference_is_a_minimum_or_a_maximum(complement: bool) -> None:
+    terms = Terms()
+    x, y = terms.var(Atom("x", -9, 5), 32), terms.var(Atom("y", -3, 30), 32)
+    less = terms.extract(terms.sub(x, y), 31, 1)  # x < y
+    if complement:
+        less = terms.invert(terms.extract(terms.sub(y, x), 31, 1))  # not y < x
+    smaller, larger = terms.ite(less, x, y), terms.ite(less, y, x)
+    assert (smaller.low, smaller.high) == (-9, 5)
+    assert (larger.low, larger.high) == (-3, 30)
+
+
+@pytest.mark.parametrize("changed", [0, 1])
+def test_a_term_of_which_one_part_is_another_is_another(changed: int) -> None:
+    terms = Terms()
+    atoms = [Atom(name, -9, 9) for name in "xyz"]
+    x, y, z = (terms.var(atom, 32) for atom in atoms)
+    negative = terms.extract(terms.var(Atom("w", -9, 9), 32), 31, 1)
+    for make in (lambda a, b: terms.ite(negative, a, b), terms.mul, terms.bit_and, lambda a, b: terms.concat([a, b])):
+        before = make(x, y)
+        (after,) = substituted(terms, [before], {atoms[changed]: z})
+        assert after is (make(z, y) if changed == 0 else make(x, z))
+        assert rebuild(terms, before, before.args) is before
 
 
 def test_a_sum_that_may_wrap_is_not_taken_for_one_that_does_not() -> None:
