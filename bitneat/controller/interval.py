@@ -67,7 +67,7 @@ def intervals(controller: Controller) -> Intervals:
     from one source with one delay count as one weight; so the bounds are sound, and exact for a single sum over the inputs.
     """
     reads = [_ZERO] * controller.num_signals
-    result = _sweep(controller, reads)
+    result = one_step(controller, reads)
     if not controller.is_recurrent:
         return result
     rounds = 0
@@ -78,16 +78,16 @@ def intervals(controller: Controller) -> Intervals:
         if rounds >= _ROUNDS_BEFORE_WIDENING:
             grown = [_widened(controller, i, *pair) for i, pair in enumerate(zip(reads, grown, strict=True))]
         reads = grown
-        result = _sweep(controller, reads)
+        result = one_step(controller, reads)
         rounds += 1
     # Each of these starts from bounds that hold and so gives bounds that hold.
     for _ in range(_NARROWINGS if rounds > _ROUNDS_BEFORE_WIDENING else 0):
-        result = _sweep(controller, [_ZERO.hull(value) for value in result.signals])
+        result = one_step(controller, [_ZERO.hull(value) for value in result.signals])
     return result
 
 
-def _sweep(controller: Controller, reads: Sequence[Interval]) -> Intervals:
-    """One step in intervals, when a delayed link from signal i can read ``reads[i]``."""
+def one_step(controller: Controller, reads: Sequence[Interval]) -> Intervals:
+    """Bounds of one step, in which a delayed link from signal i can read ``reads[i]``."""
     signals = [Interval(-entry.limit, entry.limit) for entry in controller.inputs]
     nodes = []
     for node in controller.nodes:

@@ -128,7 +128,7 @@ class Equivalence:
         """Find the cuts among terms, each after its arguments; terms that nothing needs may be the ones that show them."""
         for term, values in each_value(made, self._samples):
             new = self._rebuilt(term)
-            if values is not None and term.width in _WIDTHS and not _is_sum_of_atoms(new):
+            if values is not None and _is_number(term) and not _is_sum_of_atoms(new):
                 cut = self._as_cut(new, signed_values(values, term.width))
                 if cut is not None:
                     self._settle(new, cut)
@@ -197,7 +197,7 @@ class Equivalence:
             wanted = None if direction is None else self._as_function(cut, chain[1 : depth + 1], direction)
             if direction is None or wanted is None:
                 continue
-            above = self._above(term, chain[: depth + 1])
+            above = self._above(term, chain[: depth + 1], direction)
             try:
                 reduced = self._over(self._substituted(term, above), direction)
             except _NotOfOneSum:
@@ -226,16 +226,20 @@ class Equivalence:
             (definition,) = substituted(self._terms, [definition], others)
         return definition
 
-    def _above(self, term: Term, chain: Sequence[Cut]) -> dict[Atom | None, Term]:
-        """The definitions of a chain, and of what else in the term is made of its last alone.
+    def _above(self, term: Term, chain: Sequence[Cut], direction: Direction) -> dict[Atom | None, Term]:
+        """The definitions of a chain, and of what else in the term is made of the same sum alone.
 
         So `tanh` is found where code takes the magnitude first and its sign last, although the controller has that magnitude, too.
         """
-        values: dict[Atom | None, Term] = {one.value.atom: one.definition for one in chain}
+        values: dict[Atom | None, Term] = {
+            one.value.atom: one.definition for one in chain if one.value.atom in self._cut_of
+        }
         for one in cone([term]):
             other = self._chain(self._cut_of[one.atom]) if one.atom in self._cut_of else []
-            if chain[-1] in other:
-                values |= {cut.value.atom: cut.definition for cut in other[: other.index(chain[-1])]}
+            for depth, cut in enumerate(other):
+                if _direction(cut.argument) == direction:
+                    values |= {each.value.atom: each.definition for each in other[: depth + 1]}
+                    break
         return values
 
     def _as_function(self, cut: Cut, inner: Sequence[Cut], direction: Direction) -> Term | None:
@@ -460,6 +464,11 @@ def _halfword(values: npt.NDArray[np.int64]) -> bytes:
     """What stays of values modulo 2^16 when they are moved."""
     moved: npt.NDArray[np.int64] = (values - values[0]) & 0xFFFF
     return moved.tobytes()
+
+
+def _is_number(term: Term) -> bool:
+    """Whether a value of the reference may stand in it: a register, or bits of a shifted one that a narrow sum goes on with."""
+    return term.width in _WIDTHS or (term.op is Op.EXTRACT and term.params[0] > 0 and term.width > min(_WIDTHS))
 
 
 def _is_sum_of_atoms(term: Term) -> bool:

@@ -12,9 +12,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bitneat.controller import Controller, Reference
+from bitneat.controller import Controller, Link, Reference, Signal
 from bitneat.controller.reference import evaluate_signals, outputs_of
-from bitneat.prove.equivalence import Effort, Equivalence, Lemmas
+from bitneat.prove.equivalence import Difference, Effort, Equivalence, Lemmas
 from bitneat.prove.evaluation import signed_values, values_of
 from bitneat.prove.execute import Finished, Machine, Processor, Program
 from bitneat.prove.flags import UnsupportedError
@@ -33,6 +33,8 @@ _SAMPLES = 256
 _LANES = 32
 _MOST_GUESSES = 400
 """Of what the places of a state may keep."""
+_ATTEMPTS = 4
+"""With what places of a state may keep."""
 _STEPS = 12
 _TRIES = 512
 _RARE = 4
@@ -243,11 +245,40 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
         atom: generator.integers(atom.low, atom.high, _SAMPLES, endpoint=True) for atom in _others(made, samples)
     }
 
-    seen, meaning = candidates, _that_agrees(executed, model, samples, candidates)
+    failure: _NotProved | None = None
+    tried: list[list[int | None]] = []
+    while len(tried) < _ATTEMPTS:
+        meaning = _that_agrees(executed, model, samples, candidates, tried)
+        if meaning is None:
+            break
+        tried.append(meaning)
+        equivalence, kept = _settled(subject, terms, model, made, executed, samples, candidates, meaning)
+        proof.effort, proof.meaning = equivalence.effort, kept
+        found = _first_difference(equivalence, model, executed, kept)
+        if found is None:
+            return
+        what, difference = found
+        failure = failure or _not_equal(what, model, candidates, difference.model)
+        if difference.model is not None:
+            # What the places keep may be a wrong guess, which then shows in this state, too.
+            samples = _with_row(model, samples, difference.model, row=len(tried))
+    assert failure is not None
+    raise failure
+
+
+def _settled(
+    subject: Subject,
+    terms: Terms,
+    model: Model,
+    made: Sequence[Term],
+    executed: _Executed,
+    samples: Mapping[Atom, IntArray],
+    candidates: Sequence[Sequence[int]],
+    meaning: Sequence[int | None],
+) -> tuple[Equivalence, Sequence[int | None]]:
+    """Find the cuts, with places of the state standing for what is shown to be kept in them, as far as that goes."""
     while True:
-        proof.meaning = meaning
         equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
-        proof.effort = equivalence.effort
         equivalence.abstract(made)
         better = [
             _kept(equivalence, model, term, found, now)
@@ -258,8 +289,14 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
             for found, now, new in zip(candidates, meaning, better, strict=True)
         ]
         if better == meaning:
-            break
+            return equivalence, meaning
         meaning = better
+
+
+def _first_difference(
+    equivalence: Equivalence, model: Model, executed: _Executed, meaning: Sequence[int | None]
+) -> tuple[str, Difference] | None:
+    """The first output or place of the state that is not shown to be right, by its name."""
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
     claims += [
         (f"state {i}", term, model.signals[signal])
@@ -269,7 +306,22 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
     for what, term, expected in claims:
         difference = equivalence.difference(term, expected)
         if difference is not None:
-            raise _not_equal(what, model, seen, difference.model)
+            return what, difference
+    return None
+
+
+def _with_row(
+    model: Model, samples: Mapping[Atom, IntArray], found: Mapping[Atom, int], row: int
+) -> dict[Atom, IntArray]:
+    """The samples with one of them replaced: by what a solver found."""
+    inputs = np.array([[found.get(atom, 0) for atom in model.inputs]], dtype=np.int64)
+    state = np.array([[found.get(atom, 0) for atom in model.free]], dtype=np.int64)
+    values = {atom: int(column[0]) for atom, column in model.samples(inputs, state).items()}
+    changed = {}
+    for atom, column in samples.items():
+        changed[atom] = column.copy()
+        changed[atom][row] = values.get(atom, found.get(atom, 0))
+    return changed
 
 
 def _others(made: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[Atom, None]:
@@ -298,15 +350,24 @@ def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequen
 
 
 def _that_agrees(
-    executed: _Executed, model: Model, samples: Mapping[Atom, IntArray], candidates: Sequence[Sequence[int]]
-) -> list[int | None]:
-    """What places keep, so that steps from all sampled states give what the model says; the likeliest if nothing does."""
+    executed: _Executed,
+    model: Model,
+    samples: Mapping[Atom, IntArray],
+    candidates: Sequence[Sequence[int]],
+    tried: Sequence[Sequence[int | None]],
+) -> list[int | None] | None:
+    """What places keep, so that steps from all sampled states give what the model says; the likeliest if nothing does.
+
+    None if all that does was ``tried``.
+    """
     guess = _one_each(candidates)
     if not model.previous:
-        return guess
+        return None if tried else guess
     before, after = model.previous_values(samples, _SAMPLES), model.signal_values(samples, _SAMPLES)
     outputs = [np.broadcast_to(signed_values(one, 16), (_SAMPLES,)) for one in values_of(model.outputs, samples)]
     for meaning in islice(_guesses(candidates, guess), _MOST_GUESSES):
+        if meaning in tried:
+            continue
         kept = {atom: before[:, i] for atom, i in zip(executed.slots, meaning, strict=True) if i is not None}
         found = values_of([*executed.outputs, *executed.state], {**samples, **kept})
         wanted = outputs + [None if i is None else after[:, i] for i in meaning]
@@ -315,7 +376,7 @@ def _that_agrees(
             for one, column in zip(found, wanted, strict=True)
         ):
             return meaning
-    return guess
+    return None if tried else guess
 
 
 def _guesses(candidates: Sequence[Sequence[int]], likeliest: list[int | None]) -> Iterator[list[int | None]]:
@@ -446,7 +507,7 @@ def _simulate(
     _check_emulator(subject, inputs, found)
     if wrong:
         raise _NotProved(f"it gives other outputs in step {wrong[0]} from reset")
-    return _meaning(controller, np.array(kept), np.array(signals))
+    return _meaning(model, np.array(kept), np.array(signals))
 
 
 def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None:
@@ -468,17 +529,42 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             )
 
 
-def _meaning(controller: Controller, kept: IntArray, signals: IntArray) -> list[list[int]]:
-    """For each place of the state the signals that it was seen to keep, those that are read with a delay first.
+def _meaning(model: Model, kept: IntArray, signals: IntArray) -> list[list[int]]:
+    """For each place of the state the signals that it was seen to keep, the likeliest first.
 
-    They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it.
+    They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it. A place is there
+    for a signal that something which an output needs reads with a delay; nobody keeps what never changes.
     """
-    delayed = sorted({link.source for node in controller.nodes for link in node.links if link.delay})
-    order = [*delayed, *(i for i in range(controller.num_signals) if i not in delayed)]
+    controller = model.controller
+    delayed = {link.source for node in controller.nodes for link in node.links if link.delay}
+    needed = _needed(controller)
+    read = {link.source for i in needed for link in _links(controller, i) if link.delay}
+
+    def unlikely(signal: int) -> tuple[bool, bool, bool]:
+        return signal not in read, signal not in delayed, model.previous[signal].is_const
+
+    order = sorted(range(controller.num_signals), key=unlikely) if model.previous else []
     return [
         [i for i in order if np.array_equal(kept[..., place], signals[..., i])]
         for place in range(kept.shape[-1] if kept.ndim == 3 else 0)
     ]
+
+
+def _links(controller: Controller, signal: int) -> Sequence[Link]:
+    first = len(controller.inputs)
+    return () if signal < first else controller.nodes[signal - first].links
+
+
+def _needed(controller: Controller) -> set[int]:
+    """Signals that an output is made of, now or later."""
+    needed: set[int] = set()
+    new = [output.index for output in controller.outputs if isinstance(output, Signal)]
+    while new:
+        signal = new.pop()
+        if signal not in needed:
+            needed.add(signal)
+            new += [link.source for link in _links(controller, signal)]
+    return needed
 
 
 # Counterexamples -----------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache, partial
-from math import ceil, floor
+from math import ceil, floor, gcd
 from typing import Any, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from bitneat.controller import Controller, Reference
 from bitneat.controller.activation import PROGRAMS, Program, constant, table
 from bitneat.controller.activation import Op as Step
-from bitneat.controller.interval import Interval, image, intervals
+from bitneat.controller.interval import Interval, image, intervals, one_step
 from bitneat.controller.ir import MAX_SIGNALS, SIGNAL_MAX, Constant, Node
 from bitneat.controller.reference import node_value
 from bitneat.prove.evaluation import signed_values, values_of
@@ -65,10 +65,14 @@ class Model:
     """What is unknown of the state."""
     previous: list[Term] = field(default_factory=list)
     """Each signal at the end of the step before, in any state that can be reached."""
+    assumed: set[int] = field(default_factory=set)
+    """Signals of which the bounds that ``previous`` has are an assumption about states."""
+    constant: dict[int, int] = field(default_factory=dict)
+    """Signals that are taken to have the same value after every step, and which."""
     cuts: list[Cut] = field(default_factory=list)
     """Those that have an atom, each after those it needs."""
     sums: list[Cut] = field(default_factory=list)
-    """Sums on the way, which compilers may make of more than additions."""
+    """Inputs, unknowns of the state, and sums on the way, which code may make of more than additions."""
     signals: list[Term] = field(default_factory=list)
     outputs: list[Term] = field(default_factory=list)
 
@@ -107,6 +111,7 @@ def build(terms: Terms, controller: Controller, *, guard: bool) -> Model:
 
     - Each signal is within the bounds that `bitneat.controller.interval` finds, if a step keeps it there; else within those of its
       limit or activation, which always do.
+    - A signal that has the same value after every step, by its bounds, is that times whether a step was taken since the reset.
     - A node that reads nothing with a delay, and is 0 where all that it reads is 0, was what its definition makes of the
       signals before, too.
     - Signals that were always equal on random sequences are taken to be equal, until one step from there gives different
@@ -133,12 +138,22 @@ def build(terms: Terms, controller: Controller, *, guard: bool) -> Model:
 
 
 def _stays_inside(model: Model) -> bool:
-    """Whether a step keeps each signal within the bounds that it was taken to be in before it."""
-    return all(
-        before.low <= after.low and after.high <= before.high
-        for before, after in zip(model.previous, model.signals, strict=bool(model.previous))
-        if before.atom in model.free
-    )
+    """Whether a step keeps each signal within the bounds that it was taken to be in before it.
+
+    A signal's term may have wider bounds than the signal, where it is a sum that a node with an activation turned out to be; and
+    the other way round, where sums cancel.
+    """
+    if not model.previous:
+        return True
+    step = one_step(model.controller, [Interval(before.low, before.high) for before in model.previous])
+    for i, (before, after, bounds) in enumerate(zip(model.previous, model.signals, step.signals, strict=True)):
+        low, high = max(after.low, bounds.low), min(after.high, bounds.high)
+        least, most = before.low, before.high
+        if i in model.constant:
+            least = most = model.constant[i]
+        if i in model.assumed and (low < least or high > most):
+            return False
+    return True
 
 
 def _seen_equal(controller: Controller) -> list[int]:
@@ -160,6 +175,7 @@ class _Builder:
         self.terms, self.controller, self._groups, self._wide = terms, controller, groups, wide
         self.model = Model(controller, [])
         self._known: dict[Term, Term] = {}
+        self._started_term: Term | None = None
 
     def run(self, *, guard: bool) -> Model:
         terms, model, controller = self.terms, self.model, self.controller
@@ -169,6 +185,7 @@ class _Builder:
             atom = Atom(f"observation[{i}]", -32768 if guard else -entry.limit, 32767 if guard else entry.limit)
             model.inputs.append(atom)
             arrived = terms.var(atom, WORD)
+            self._sum(arrived)
             model.signals.append(self._clip(arrived, entry.limit, "limit") if guard else arrived)
         for node in controller.nodes:
             model.signals.append(self._node(node, model.signals))
@@ -183,9 +200,15 @@ class _Builder:
         unknown: dict[int, Term] = {}
         for i, bounds in enumerate(intervals(controller).signals):
             node = None if i < len(controller.inputs) else controller.nodes[i - len(controller.inputs)]
+            if bounds.low == bounds.high and not self._wide:
+                model.assumed.add(i)
+                model.constant[i] = bounds.low
+                model.previous.append(terms.times(self._started(), bounds.low) if bounds.low else terms.const(WORD, 0))
+                continue
             if node is not None and _keeps_zero(node, controller):
                 model.previous.append(self._node(node, model.previous))
                 continue
+            model.assumed.add(i)
             group = self._groups[i]
             if group not in unknown:
                 # All of a group are equal, so the bounds of its first are those of all.
@@ -196,7 +219,16 @@ class _Builder:
                 atom = Atom(f"previous[{i}]", low, high)
                 model.free.append(atom)
                 unknown[group] = terms.var(atom, WORD)
+                self._sum(unknown[group])
             model.previous.append(unknown[group])
+
+    def _started(self) -> Term:
+        """0 in the first step after a reset, 1 later."""
+        if self._started_term is None:
+            atom = Atom("started", 0, 1)
+            self.model.free.append(atom)
+            self._started_term = self.terms.var(atom, WORD)
+        return self._started_term
 
     def _node(self, node: Node, signals: Sequence[Term]) -> Term:
         terms, model = self.terms, self.model
@@ -230,7 +262,7 @@ class _Builder:
         return self._cut("activation", argument, definition, partial(PROGRAMS[name], frac_bits=frac_bits), bounds)
 
     def _sum(self, value: Term) -> None:
-        if value.op is Op.LIN and value not in self._known:
+        if value.op in (Op.VAR, Op.LIN) and value not in self._known.values():
             self._known[value] = value
             self.model.sums.append(Cut(value, "sum", value, value, lambda values: values))
 
@@ -269,19 +301,19 @@ class _Builder:
         return self._known[definition]
 
     def _line(self, argument: Term, function: Callable[[IntArray], IntArray]) -> Term | None:
-        """The value as a multiple of one atom, if it is one at each of the atom's values, as that of `abs` below 0 is."""
+        """The value as a sum, if it is one at each value that the argument can have, as that of `abs` below 0 is."""
         constant, parts = self.terms.linear_parts(argument)
-        ((part, factor),) = parts.items() if len(parts) == 1 else [(argument, 0)]
-        atom = part.atom
-        if atom is None or not 0 < atom.high - atom.low < _TRIED:
-            return None
-        atoms = np.arange(atom.low, atom.high + 1, dtype=np.int64)
-        values = function(factor * atoms + constant)
+        unit = gcd(*parts.values())
+        rest = self.terms.lin(argument.width, 0, {part: c // unit for part, c in parts.items()})
+        if not 0 < rest.high - rest.low < _TRIED or argument.low != unit * rest.low + constant:
+            return None  # too many values, or a sum that might wrap
+        rests = np.arange(rest.low, rest.high + 1, dtype=np.int64)
+        values = function(unit * rests + constant)
         slope = int(values[1] - values[0])
-        offset = int(values[0]) - slope * atom.low
-        if not np.array_equal(values, slope * atoms + offset):
+        offset = int(values[0]) - slope * rest.low
+        if not np.array_equal(values, slope * rests + offset):
             return None
-        return self.terms.add(self.terms.times(part, slope), self.terms.const(WORD, offset))
+        return self.terms.add(self.terms.times(rest, slope), self.terms.const(WORD, offset))
 
 
 def _unscaled(function: Callable[[IntArray], IntArray], constant: int, factor: int) -> Callable[[IntArray], IntArray]:
