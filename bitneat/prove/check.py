@@ -22,8 +22,9 @@ from bitneat.files import make_folder, read_capped, write_atomic
 from bitneat.native.build import cache_dir
 from bitneat.prove.equivalence import Lemmas
 from bitneat.prove.execute import AMD64, CORTEX_M, CORTEX_M0, Processor
-from bitneat.prove.proof import FunctionProof, Subject, prove_function
+from bitneat.prove.proof import FunctionProof, prove_function
 from bitneat.prove.queries import SOLVERS
+from bitneat.prove.subject import Subject
 from bitneat.state import seal, unseal
 from bitneat.verify.cfile import MAX_FILE_BYTES, CFile
 from bitneat.verify.implementation import entries

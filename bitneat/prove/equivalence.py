@@ -120,6 +120,7 @@ class Equivalence:
         self._settled: dict[Term, Term] = {}
         self._sums: dict[tuple[int, int], Atom] = {}
         self._chains: dict[Cut, list[Cut]] = {}
+        self._tied: dict[Cut, set[Atom]] = {}
         self._functions: dict[tuple[Cut, int], Term | None] = {}
 
     # Cuts --------------------------------------------------------------------------------------------------------------
@@ -128,7 +129,7 @@ class Equivalence:
         """Find the cuts among terms, each after its arguments; terms that nothing needs may be the ones that show them."""
         for term, values in each_value(made, self._samples):
             new = self._rebuilt(term)
-            if values is not None and _is_number(term) and not _is_sum_of_atoms(new):
+            if values is not None and _is_number(term) and not _is_sum_of_atoms(new) and not _is_another(term, values):
                 cut = self._as_cut(new, signed_values(values, term.width))
                 if cut is not None:
                     self._settle(new, cut)
@@ -179,6 +180,10 @@ class Equivalence:
         if term.width == 16 and shape is not None:
             # What was moved may have wrapped.
             found += [one for one in self._by_halfword.get(_halfword(values), ()) if one not in found]
+        if shape is None:
+            # All that is rare looks alike in samples.
+            atoms = {one.atom for one in cone([term])}
+            found = [one for one in found if not atoms.isdisjoint(self._tied_to(one[0]))]
         for cut, factor, first in found:
             offset = int(values[0]) - factor * first
             if self._is_cut(term, cut, factor, offset, guess=shape is not None):
@@ -292,6 +297,18 @@ class Equivalence:
             below = self._cut_of.get(atoms[0]) if len(atoms) == 1 else None
             self._chains[cut] = [cut] if below is None else [cut, *self._chain(below)]
         return self._chains[cut]
+
+    def _tied_to(self, cut: Cut) -> set[Atom]:
+        """Atoms of which a term that is the cut has one: what it is made from, and what else is made from that."""
+        if cut not in self._tied:
+            chain = self._chain(cut)
+            tied = {part.atom for one in chain for part in self._terms.linear_parts(one.argument)[1]}
+            directions = {_direction(one.argument) for one in chain}
+            for other in self._model.cuts:
+                if any(_direction(one.argument) in directions for one in self._chain(other)):
+                    tied.add(other.value.atom)
+            self._tied[cut] = {atom for atom in tied if atom is not None}
+        return self._tied[cut]
 
     def _moved(self, term: Term, width: int, factor: int, offset: int) -> Term:
         moved = self._terms.times(resized(self._terms, term, width), factor)
@@ -469,6 +486,15 @@ def _halfword(values: npt.NDArray[np.int64]) -> bytes:
 def _is_number(term: Term) -> bool:
     """Whether a value of the reference may stand in it: a register, or bits of a shifted one that a narrow sum goes on with."""
     return term.width in _WIDTHS or (term.op is Op.EXTRACT and term.params[0] > 0 and term.width > min(_WIDTHS))
+
+
+def _is_another(term: Term, values: npt.NDArray[np.uint64]) -> bool:
+    """Whether it is a number that was looked at before, with more bits, moved, or negated; where nothing wraps on samples."""
+    if term.op is Op.LIN:
+        return len(term.args) == 1 and term.params[1] in (1, -1) and term.width > min(_WIDTHS)
+    if term.op not in (Op.SEXT, Op.ZEXT) or not _is_number(term.args[0]):
+        return False
+    return term.op is Op.SEXT or int(values.max()) < 1 << (term.args[0].width - 1)
 
 
 def _is_sum_of_atoms(term: Term) -> bool:

@@ -4,63 +4,37 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice, permutations, product
 from typing import Any, Literal
 
 import numpy as np
 
-from bitneat.controller import Controller, Link, Reference, Signal
-from bitneat.controller.reference import evaluate_signals, outputs_of
-from bitneat.prove.equivalence import Difference, Effort, Equivalence, Lemmas
+from bitneat.controller import Reference
+from bitneat.controller.reference import evaluate_signals
+from bitneat.prove.equivalence import Difference, Effort, Equivalence
 from bitneat.prove.evaluation import signed_values, values_of
-from bitneat.prove.execute import Finished, Machine, Processor, Program
+from bitneat.prove.execute import Machine, Program
 from bitneat.prove.flags import UnsupportedError
 from bitneat.prove.memory import Region, Violation
+from bitneat.prove.places import Candidates, Meaning, Step, agreeing, seen_to_keep
 from bitneat.prove.queries import SolverDisagreementError, differ
+from bitneat.prove.replay import Counterexample, search
 from bitneat.prove.semantics import IntArray, Model, build, random_states
+from bitneat.prove.subject import Subject
 from bitneat.prove.terms import WORD, Atom, Term, Terms, cone
 from bitneat.verify.implementation import ImplementationError
-from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.targets.image import Image
-from bitneat.verify.vectors import random_vectors
 
 Verdict = Literal["proved", "refuted", "not proved"]
 
 _SAMPLES = 256
 _LANES = 32
-_MOST_GUESSES = 400
-"""Of what the places of a state may keep."""
 _ATTEMPTS = 4
 """With what places of a state may keep."""
 _STEPS = 12
-_TRIES = 512
 _RARE = 4
 _SEED = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Counterexample:
-    """Steps of which the last one comes out wrong in the emulated binary."""
-
-    sequence: tuple[tuple[int, ...], ...]
-    """Inputs of successive steps."""
-    state: tuple[int, ...] | None
-    """What the C's state is set to before the first of them; None where they start from a reset, or there is no state."""
-    expected: tuple[int, ...]
-    found: tuple[int, ...] | None
-    """None if it crashed or did not come back."""
-
-    def to_data(self) -> dict[str, Any]:
-        """As JSON has it."""
-        return {
-            "sequence": [list(inputs) for inputs in self.sequence],
-            "state": None if self.state is None else list(self.state),
-            "expected": list(self.expected),
-            "found": None if self.found is None else list(self.found),
-        }
 
 
 @dataclass
@@ -123,29 +97,6 @@ class _NotProved(Exception):  # noqa: N818 - one of the two ways that a proof en
         self.attempt = attempt
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A binary and what it should compute."""
-
-    controller: Controller
-    emulated: EmulatedC
-    processor: Processor
-    lemmas: Lemmas
-    start: int = 0
-    """What is added to the index of the largest output, where the C chooses among actions."""
-    paranoid: bool = False
-
-    @property
-    def image(self) -> Image:
-        """The linked program."""
-        return self.emulated.image
-
-    @property
-    def guard(self) -> bool:
-        """Whether inputs may be any int16: ``name_run`` gets them as they are."""
-        return self.image.code.guard and self.image.entry == "step"
-
-
 def prove_function(subject: Subject, function: str) -> FunctionProof:
     """Prove one function of a binary.
 
@@ -164,7 +115,7 @@ def prove_function(subject: Subject, function: str) -> FunctionProof:
     except _NotProved as found:
         proof.reason, attempt = str(found), found.attempt
     if proof.verdict != "proved" and function in ("step", "run"):
-        proof.counterexample = _search(subject, proof.meaning, attempt)
+        proof.counterexample = search(subject, proof.meaning, attempt)
         if proof.counterexample is not None:
             proof.verdict = "refuted"
     proof.seconds = time.perf_counter() - begin
@@ -179,19 +130,7 @@ def _program(image: Image) -> Program:
 # A step --------------------------------------------------------------------------------------------------------------
 
 
-@dataclass
-class _Executed:
-    """A step as terms: of the inputs and of what the state held."""
-
-    finished: Finished
-    outputs: list[Term]
-    state: list[Term]
-    """What the state holds after it."""
-    slots: list[Atom]
-    """What it held before."""
-
-
-def _execute(subject: Subject, terms: Terms, model: Model) -> _Executed:
+def _execute(subject: Subject, terms: Terms, model: Model) -> Step:
     image = subject.image
     code, symbols = image.code, image.symbols
     run = image.entry == "run"
@@ -219,7 +158,7 @@ def _execute(subject: Subject, terms: Terms, model: Model) -> _Executed:
     for i, atom in enumerate(slots):
         machine.memory.provide(state.start + 2 * i, terms.var(atom, 16))
     finished = machine.call(image.function, arguments)
-    return _Executed(
+    return Step(
         finished,
         [finished.memory.result(to + 2 * i, 2, f"output {i}") for i in range(code.num_outputs)],
         [finished.memory.result(state.start + 2 * i, 2, f"state {i}") for i in range(len(slots))],
@@ -246,9 +185,9 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
     }
 
     failure: _NotProved | None = None
-    tried: list[list[int | None]] = []
+    tried: list[Meaning] = []
     while len(tried) < _ATTEMPTS:
-        meaning = _that_agrees(executed, model, samples, candidates, tried)
+        meaning = agreeing(executed, model, samples, candidates, tried)
         if meaning is None:
             break
         tried.append(meaning)
@@ -271,11 +210,11 @@ def _settled(
     terms: Terms,
     model: Model,
     made: Sequence[Term],
-    executed: _Executed,
+    executed: Step,
     samples: Mapping[Atom, IntArray],
-    candidates: Sequence[Sequence[int]],
-    meaning: Sequence[int | None],
-) -> tuple[Equivalence, Sequence[int | None]]:
+    candidates: Candidates,
+    meaning: Meaning,
+) -> tuple[Equivalence, Meaning]:
     """Find the cuts, with places of the state standing for what is shown to be kept in them, as far as that goes."""
     while True:
         equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
@@ -294,7 +233,7 @@ def _settled(
 
 
 def _first_difference(
-    equivalence: Equivalence, model: Model, executed: _Executed, meaning: Sequence[int | None]
+    equivalence: Equivalence, model: Model, executed: Step, meaning: Meaning
 ) -> tuple[str, Difference] | None:
     """The first output or place of the state that is not shown to be right, by its name."""
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
@@ -349,72 +288,7 @@ def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequen
     return next((one for one in candidates if equivalence.is_shown(term, model.signals[one])), now)
 
 
-def _that_agrees(
-    executed: _Executed,
-    model: Model,
-    samples: Mapping[Atom, IntArray],
-    candidates: Sequence[Sequence[int]],
-    tried: Sequence[Sequence[int | None]],
-) -> list[int | None] | None:
-    """What places keep, so that steps from all sampled states give what the model says; the likeliest if nothing does.
-
-    None if all that does was ``tried``.
-    """
-    guess = _one_each(candidates)
-    if not model.previous:
-        return None if tried else guess
-    before, after = model.previous_values(samples, _SAMPLES), model.signal_values(samples, _SAMPLES)
-    outputs = [np.broadcast_to(signed_values(one, 16), (_SAMPLES,)) for one in values_of(model.outputs, samples)]
-    for meaning in islice(_guesses(candidates, guess), _MOST_GUESSES):
-        if meaning in tried:
-            continue
-        kept = {atom: before[:, i] for atom, i in zip(executed.slots, meaning, strict=True) if i is not None}
-        found = values_of([*executed.outputs, *executed.state], {**samples, **kept})
-        wanted = outputs + [None if i is None else after[:, i] for i in meaning]
-        if all(
-            column is None or np.array_equal(np.broadcast_to(signed_values(one, 16), (_SAMPLES,)), column)
-            for one, column in zip(found, wanted, strict=True)
-        ):
-            return meaning
-    return None if tried else guess
-
-
-def _guesses(candidates: Sequence[Sequence[int]], likeliest: list[int | None]) -> Iterator[list[int | None]]:
-    """All that places may keep, where those that seem to keep the same signals keep different ones."""
-    yield likeliest
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for place, found in enumerate(candidates):
-        if len(found) > 1:
-            groups.setdefault(tuple(found), []).append(place)
-    ways = [permutations(found, min(len(places), len(found))) for found, places in groups.items()]
-    for chosen in product(*ways):
-        meaning = list(likeliest)
-        for places, signals in zip(groups.values(), chosen, strict=True):
-            for place, signal in zip(places, signals, strict=False):
-                meaning[place] = signal
-        yield meaning
-
-
-def _one_each(candidates: Sequence[Sequence[int]]) -> list[int | None]:
-    """Of places that seem to keep the same signals each keeps one of the likeliest, in their order if that can be."""
-    places = Counter(map(tuple, candidates))
-    unused = {found: sorted(found[:count]) for found, count in places.items()}
-    guess: list[int | None] = []
-    last = -1
-    for found in map(tuple, candidates):
-        if not found:
-            guess.append(None)
-            continue
-        left = unused[found] or [found[0]]
-        last = next((signal for signal in left if signal > last), left[0])
-        guess.append(last)
-        left.remove(last)
-    return guess
-
-
-def _not_equal(
-    what: str, model: Model, candidates: Sequence[Sequence[int]], found: Mapping[Atom, int] | None
-) -> _NotProved:
+def _not_equal(what: str, model: Model, candidates: Candidates, found: Mapping[Atom, int] | None) -> _NotProved:
     if found is None:
         return _NotProved(f"{what}: not shown to be equal")
     if any(atom.undefined for atom in found):
@@ -430,19 +304,10 @@ def _not_equal(
     return _NotProved(f"{what}: can differ", (inputs[0].tolist(), previous))
 
 
-def _inputs(subject: Subject, count: int, seed: int) -> IntArray:
-    """(count, inputs) of the domain, which is all of int16 where inputs are guarded."""
-    inputs = random_vectors(subject.controller, seed, count).astype(np.int64)
-    if subject.guard:
-        wide = np.random.default_rng(seed).integers(-32768, 32767, size=inputs.shape, endpoint=True)
-        inputs[::2] = wide[::2]
-    return inputs
-
-
 def _samples(subject: Subject, model: Model, generator: np.random.Generator) -> dict[Atom, IntArray]:
     """Values of the model's atoms, of which each is to change at least a few times: (samples,) each."""
     count = 16 * _SAMPLES
-    inputs = _inputs(subject, count, seed=_SEED + 1)
+    inputs = subject.inputs(count, _SEED + 1)
     free = random_states(model, generator, count)
     values = model.samples(inputs, free)
     chosen = list(range(_SAMPLES // 2))
@@ -472,8 +337,8 @@ def _unknown_atoms(roots: Sequence[Term]) -> list[Atom]:
 
 
 def _simulate(
-    subject: Subject, model: Model, executed: _Executed, generator: np.random.Generator, unknown: Sequence[Atom]
-) -> list[list[int]]:
+    subject: Subject, model: Model, executed: Step, generator: np.random.Generator, unknown: Sequence[Atom]
+) -> Candidates:
     """Take steps from reset in terms, in the reference and in the emulator; which signals each place of the state may keep.
 
     Raises:
@@ -481,7 +346,7 @@ def _simulate(
     """
     controller = subject.controller
     steps, lanes = (_STEPS, _LANES) if executed.slots else (1, _SAMPLES)
-    inputs = _inputs(subject, steps * lanes, seed=_SEED).reshape(steps, lanes, -1)
+    inputs = subject.inputs(steps * lanes, _SEED).reshape(steps, lanes, -1)
     state = np.zeros((lanes, len(executed.slots)), dtype=np.int64)
     references = [Reference(controller) for _ in range(lanes)]
     found = np.zeros((steps, lanes, len(executed.outputs)), dtype=np.int64)
@@ -507,7 +372,7 @@ def _simulate(
     _check_emulator(subject, inputs, found)
     if wrong:
         raise _NotProved(f"it gives other outputs in step {wrong[0]} from reset")
-    return _meaning(model, np.array(kept), np.array(signals))
+    return seen_to_keep(model, np.array(kept), np.array(signals))
 
 
 def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None:
@@ -527,110 +392,6 @@ def _check_emulator(subject: Subject, inputs: IntArray, found: IntArray) -> None
             raise _NotProved(
                 "the emulator computes something else than the lifted instructions, or what was never set shows"
             )
-
-
-def _meaning(model: Model, kept: IntArray, signals: IntArray) -> list[list[int]]:
-    """For each place of the state the signals that it was seen to keep, the likeliest first.
-
-    They are guesses, one of which the proof then has to confirm: if it holds before a step, it holds after it. A place is there
-    for a signal that something which an output needs reads with a delay; nobody keeps what never changes.
-    """
-    controller = model.controller
-    delayed = {link.source for node in controller.nodes for link in node.links if link.delay}
-    needed = _needed(controller)
-    read = {link.source for i in needed for link in _links(controller, i) if link.delay}
-
-    def unlikely(signal: int) -> tuple[bool, bool, bool]:
-        return signal not in read, signal not in delayed, model.previous[signal].is_const
-
-    order = sorted(range(controller.num_signals), key=unlikely) if model.previous else []
-    return [
-        [i for i in order if np.array_equal(kept[..., place], signals[..., i])]
-        for place in range(kept.shape[-1] if kept.ndim == 3 else 0)
-    ]
-
-
-def _links(controller: Controller, signal: int) -> Sequence[Link]:
-    first = len(controller.inputs)
-    return () if signal < first else controller.nodes[signal - first].links
-
-
-def _needed(controller: Controller) -> set[int]:
-    """Signals that an output is made of, now or later."""
-    needed: set[int] = set()
-    new = [output.index for output in controller.outputs if isinstance(output, Signal)]
-    while new:
-        signal = new.pop()
-        if signal not in needed:
-            needed.add(signal)
-            new += [link.source for link in _links(controller, signal)]
-    return needed
-
-
-# Counterexamples -----------------------------------------------------------------------------------------------------
-
-
-def _search(
-    subject: Subject, meaning: Sequence[int | None], attempt: tuple[Sequence[int], Sequence[int]] | None
-) -> Counterexample | None:
-    """Steps for which the emulated binary is wrong: what a solver suggests, else random ones."""
-    if attempt is not None:
-        inputs, previous = ([int(value) for value in part] for part in attempt)
-        found = _try(subject, meaning, inputs, previous)
-        if found is not None:
-            return found
-    steps = _STEPS if subject.image.code.num_state else 1
-    vectors = _inputs(subject, _TRIES * steps, seed=_SEED + 2).reshape(_TRIES, steps, -1)
-    for sequence in vectors:
-        found = _replayed(subject, sequence)
-        if found is not None:
-            return found
-    return None
-
-
-def _limited(controller: Controller, inputs: Sequence[int]) -> list[int]:
-    """Inputs as the controller gets them where the C is to clip them; the same where they are within their limits."""
-    return [max(-entry.limit, min(entry.limit, x)) for x, entry in zip(inputs, controller.inputs, strict=True)]
-
-
-def _try(
-    subject: Subject, meaning: Sequence[int | None], inputs: Sequence[int], previous: Sequence[int]
-) -> Counterexample | None:
-    """One step from a given state."""
-    controller = subject.controller
-    signals = evaluate_signals(controller, _limited(controller, inputs), previous)
-    expected = tuple(outputs_of(controller, signals))
-    state = [0 if signal is None else previous[signal] for signal in meaning]
-    found: tuple[int, ...] | None
-    try:
-        answer = subject.emulated.step_from(np.array(state, dtype=np.int16), np.array(inputs, dtype=np.int16))
-        found = tuple(answer.tolist())
-    except ImplementationError:
-        subject.emulated.restart()
-        found = None
-    if found == expected:
-        return None
-    return Counterexample((tuple(inputs),), tuple(state) if state else None, expected, found)
-
-
-def _replayed(subject: Subject, sequence: IntArray) -> Counterexample | None:
-    """Steps from reset."""
-    controller = subject.controller
-    expected = Reference(controller).run([_limited(controller, inputs) for inputs in sequence.tolist()])
-    try:
-        subject.emulated.reset()
-        found = subject.emulated.run(sequence.astype(np.int16)).tolist()
-    except ImplementationError:
-        subject.emulated.restart()
-        return Counterexample(_rows(sequence), None, tuple(expected[-1]), None)
-    for step, (wanted, got) in enumerate(zip(expected, found, strict=True)):
-        if wanted != got:
-            return Counterexample(_rows(sequence[: step + 1]), None, tuple(wanted), tuple(got))
-    return None
-
-
-def _rows(sequence: IntArray) -> tuple[tuple[int, ...], ...]:
-    return tuple(tuple(inputs) for inputs in sequence.tolist())
 
 
 # Reset and choice ----------------------------------------------------------------------------------------------------
