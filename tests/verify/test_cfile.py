@@ -122,6 +122,24 @@ def test_c_of_another_champion_that_is_there_is_not_stale(tmp_path: Path) -> Non
     assert find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,)).stale is None
 
 
+def test_files_that_cannot_be_read_are_none_of_a_search(tmp_path: Path) -> None:
+    code = written(plain_champion(), tmp_path, stem="walker")
+    (tmp_path / "damaged.c").write_text(code.path.read_text().replace("SHA-256", "SHA-1"))
+    (tmp_path / "damaged.pkl").write_bytes(b"nothing")
+    found = find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,))
+    assert [one.path for one in found.matching] == [code.path]
+
+
+def test_a_champion_that_cannot_be_read_keeps_no_file_from_being_stale(tmp_path: Path) -> None:
+    code = written(plain_champion(-1), tmp_path, stem="walker")
+    save_pickle(plain_champion(-1), tmp_path / "champion.pkl")  # about to be another, so it says nothing
+    (tmp_path / "damaged.pkl").write_bytes(b"nothing")
+    save_pickle(champion("CartPole-v1"), tmp_path / "other.json.pkl")
+    stale = find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,)).stale
+    assert stale is not None
+    assert stale.path == code.path
+
+
 def test_c_for_another_environment_is_not_stale_unless_it_has_the_name(tmp_path: Path) -> None:
     written(champion("CartPole-v1"), tmp_path, stem="pole")
     assert find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,)).stale is None

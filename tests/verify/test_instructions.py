@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import pytest
 
+from bitneat.errors import BitneatError
 from bitneat.verify.instructions import AVR, I386, POWERPC, RISCV, THUMB, X86_64, InstructionSet
 
 EVERY = (THUMB, RISCV, X86_64, I386, POWERPC, AVR)
@@ -36,6 +37,21 @@ def test_what_does_nothing_is_one_instruction_or_several(instructions: Instructi
         assert sum(one.size for one in instructions.decode_all(nothing, 0, "text")) == 2 * len(nop)
 
 
+@pytest.mark.parametrize("instructions", EVERY)
+def test_nothing_is_not_half_an_instruction(instructions: InstructionSet) -> None:
+    smallest = min(map(len, instructions.nops))
+    assert (instructions.nothing(smallest + 1) is None) == (smallest > 1)
+
+
+@pytest.mark.parametrize(
+    ("instructions", "code"),
+    [(THUMB, "00bf00f0"), (RISCV, "0100ffff"), (X86_64, "9048"), (POWERPC, "6000000000"), (AVR, "00000e94")],
+)
+def test_code_that_ends_within_an_instruction_is_refused(instructions: InstructionSet, code: str) -> None:
+    with pytest.raises(BitneatError, match=r"text\+0x\w+: cannot disassemble"):
+        instructions.decode_all(bytes.fromhex(code), 0, "text")
+
+
 @pytest.mark.parametrize(
     ("code", "branches"),
     [
@@ -43,6 +59,7 @@ def test_what_does_nothing_is_one_instruction_or_several(instructions: Instructi
         ("24e0b695a79597958795 3a95d1f7", 1),  # the constant is in another register
         ("342fb695a79597958795 3a95d1f7", 1),  # the count comes from a register
         ("34e0b695a79597958795 3a95d9f3", 1),  # the branch is on another flag
+        ("b695a79597958795 3a95d1f7", 1),  # nothing sets the count
     ],
 )
 def test_on_avr_a_shift_by_a_constant_is_no_conditional_branch(code: str, branches: int) -> None:
