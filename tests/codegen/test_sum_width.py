@@ -12,3 +12,24 @@ def test_a_clip_to_a_whole_signal_does_not_fit_sixteen_bits(activation: str, fit
     node = Node((Link(0, 0, 0, 1), Link(1, 0, 0, 1)), 0, 0, activation)
     controller = Controller((Input(0, 1000), Input(0, 1000)), (node,), (Signal(2),), 8).canonical
     assert fits_unsigned(controller, "bytes") is fits
+
+
+@pytest.mark.parametrize(
+    ("limits", "gain", "activation", "fits"),
+    [
+        ((16000, 16511), 0, "clamped", True),
+        ((16000, 16512), 0, "clamped", False),  # One more is added before it is cut off
+        ((16383, 16384), 0, "identity", True),
+        ((16384, 16384), 0, "identity", False),
+        ((16383, 16384), -1, "clamped", True),
+        ((16384, 16384), -1, "clamped", False),  # half of it would fit
+    ],
+)
+def test_sums_fit_sixteen_bits_up_to_the_last_that_does(
+    limits: tuple[int, int], gain: int, activation: str, fits: bool
+) -> None:
+    inputs = (*(Input(0, limit) for limit in limits), Input(0, 1000))
+    nodes = (Node((Link(0), Link(1)), 0, gain, activation), Node((Link(2), Link(2, shift=1)), 0, gain, "clamped"))
+    controller = Controller(inputs, nodes, (Signal(3), Signal(4)), 8).canonical
+    assert [node.gain for node in controller.nodes] == [gain, gain]
+    assert fits_unsigned(controller, "bytes") is fits

@@ -1,4 +1,9 @@
 # SPDX-License-Identifier: MIT
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
 import pytest
 
 from bitneat.errors import BitneatError
@@ -65,3 +70,54 @@ def test_code_that_ends_within_an_instruction_is_refused(instructions: Instructi
 def test_on_avr_a_shift_by_a_constant_is_no_conditional_branch(code: str, branches: int) -> None:
     found = AVR.conditional_branches(AVR.decode_all(bytes.fromhex(code), 0, "text"))
     assert len(found) == branches
+
+
+_AVR_GROUPS = {
+    "lsl": "add",
+    "rol": "adc",
+    "ser": "ldi",
+    **dict.fromkeys(("fmul", "fmuls", "fmulsu"), "mulsu"),
+    **dict.fromkeys(("asr", "lsr", "ror"), "shift"),
+    **dict.fromkeys(("sbrc", "sbrs"), "sbrx"),
+    **dict.fromkeys(("sbic", "sbis"), "sbix"),
+}
+_AVR_NAMES = {
+    "mul",
+    "muls",
+    "mulsu",
+    "brne",
+    "cpse",
+    "add",
+    "adc",
+    "sub",
+    "sbc",
+    "ldi",
+    "dec",
+    "lds",
+    "sts",
+    "jmp",
+    "call",
+}
+
+
+def test_every_word_of_avr_is_what_binutils_says_that_it_is(tmp_path: Path) -> None:
+    objdump = shutil.which("avr-objdump")
+    if objdump is None:
+        pytest.skip("needs avr-objdump (Debian: binutils-avr)")
+    words = b"".join(word.to_bytes(2, "little") + b"\0\0" for word in range(1 << 16))
+    (tmp_path / "words").write_bytes(words)
+    command = [objdump, "--disassemble-all", "--disassemble-zeroes", "--target=binary", "--architecture=avr:5", "words"]
+    listing = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    checked = 0
+    for line in listing.splitlines():
+        found = re.match(r"\s*([0-9a-f]+):\t[0-9a-f ]+\t(\.?\w+)", line)
+        if found is None or int(found[1], 16) % 4:
+            continue
+        address, name = int(found[1], 16), found[2]
+        group = "brbx" if name.startswith("br") and name not in ("brne", "break") else _AVR_GROUPS.get(name, name)
+        wanted = group if group in _AVR_NAMES | {"brbx", *_AVR_GROUPS.values()} else "other"
+        one = AVR.decode_all(words[address : address + 4], address, "text")[0]
+        long = name in ("lds", "sts", "jmp", "call")
+        assert (one.mnemonic, one.size) == (wanted, 4 if long else 2), line
+        checked += 1
+    assert checked == 1 << 16

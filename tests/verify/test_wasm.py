@@ -67,7 +67,10 @@ def module_of(body: str) -> bytes:
 INSTRUCTIONS = [
     "00",  # unreachable
     "01",  # nop
-    "0340",  # loop without a result
+    "0240",  # block without a result
+    "0340",  # loop
+    "0440",  # if
+    "05",  # else
     "0d00",  # br_if
     "0e02000100",  # br_table of two labels and a default
     "110000",  # call_indirect
@@ -94,6 +97,7 @@ def test_every_instruction_is_found_behind_those_before_it() -> None:
     assert [one.code for one in function] == [int(one[:2], 16) for one in INSTRUCTIONS]
     assert wasm.code_bytes == 3 + sum(sizes)
     assert [found.split(": ")[1] for found in violations_of(wasm, straight=True)] == [
+        "if is a conditional branch",
         "br_if is a conditional branch",
         "br_table is a conditional branch",
         "mul is a multiplication or division",
