@@ -87,6 +87,10 @@ class Equivalence:
         samples: values of all atoms of both sides, one for each sample.
         state: what the other side's atoms of state stand for, as terms of the model.
         lemmas: proofs to use and to add to.
+        widely: whether a term may be a function of a sum by way of other values that are made of the same sum. That finds
+            more, and now and then another value than the one that what follows is made of.
+        thoroughly: whether a term that has one value on all samples is compared with all of the reference's that have, too;
+            not only with those made of what it is made of.
         paranoid: settle each step in every way there is, and by two solvers.
     """
 
@@ -98,8 +102,11 @@ class Equivalence:
         state: Mapping[Atom, Term],
         lemmas: Lemmas,
         *,
+        widely: bool = False,
+        thoroughly: bool = False,
         paranoid: bool = False,
     ) -> None:
+        self._widely, self._thoroughly = widely, thoroughly
         self._terms, self._model, self._samples, self._lemmas = terms, model, samples, lemmas
         self._state, self._paranoid = state, paranoid
         self.effort = Effort()
@@ -180,7 +187,7 @@ class Equivalence:
         if term.width == 16 and shape is not None:
             # What was moved may have wrapped.
             found += [one for one in self._by_halfword.get(_halfword(values), ()) if one not in found]
-        if shape is None:
+        if shape is None and not self._thoroughly:
             # All that is rare looks alike in samples.
             atoms = {one.atom for one in cone([term])}
             found = [one for one in found if not atoms.isdisjoint(self._tied_to(one[0]))]
@@ -232,7 +239,7 @@ class Equivalence:
         return definition
 
     def _above(self, term: Term, chain: Sequence[Cut], direction: Direction) -> dict[Atom | None, Term]:
-        """The definitions of a chain, and of what else in the term is made of the same sum alone.
+        """The definitions of a chain, and of what else in the term is made of its last alone; or of the same sum.
 
         So `tanh` is found where code takes the magnitude first and its sign last, although the controller has that magnitude, too.
         """
@@ -242,7 +249,7 @@ class Equivalence:
         for one in cone([term]):
             other = self._chain(self._cut_of[one.atom]) if one.atom in self._cut_of else []
             for depth, cut in enumerate(other):
-                if _direction(cut.argument) == direction:
+                if cut is chain[-1] or (self._widely and _direction(cut.argument) == direction):
                     values |= {each.value.atom: each.definition for each in other[: depth + 1]}
                     break
         return values
@@ -435,12 +442,13 @@ class Equivalence:
         """Whether nothing is left to ask about a term: its normal form is the reference's."""
         return self._with_settled(self._abstract[term.number]) is self._terms.extract(expected, 0, term.width)
 
-    def difference(self, term: Term, expected: Term) -> Difference | None:
+    def difference(self, term: Term, expected: Term, *, whole: bool) -> Difference | None:
         """Whether a term equals the reference's for all values of the atoms; None if it does.
 
         Args:
             term: as executed.
             expected: of the model, of `WORD` bits; the term is compared with its lowest.
+            whole: ask a solver about all that is left, down to the inputs, if nothing else helps.
         """
         terms = self._terms
         reduced = self._with_settled(self._abstract[term.number])
@@ -449,6 +457,8 @@ class Equivalence:
             return None
         if self._asked(reduced, wanted, _SECONDS_GUESS):
             return None
+        if not whole:
+            return Difference(None)
         # Down to inputs and states, where a difference is a real one.
         all_cuts: dict[Atom | None, Term] = {}
         for cut in self._model.cuts:

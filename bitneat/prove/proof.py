@@ -28,6 +28,16 @@ from bitneat.verify.targets.image import Image
 
 Verdict = Literal["proved", "refuted", "not proved"]
 
+_Way = Literal["plainly", "widely", "thoroughly"]
+
+_WAYS: tuple[tuple[_Way, bool], ...] = (
+    ("plainly", False),
+    ("widely", False),
+    ("thoroughly", False),
+    ("plainly", True),
+    ("widely", True),
+)
+"""How values are looked for, one after the other until all is shown; and whether a solver is asked about all that is left."""
 _SAMPLES = 256
 _LANES = 32
 _ATTEMPTS = 4
@@ -191,11 +201,19 @@ def _prove_step(subject: Subject, proof: FunctionProof) -> None:
         if meaning is None:
             break
         tried.append(meaning)
-        equivalence, kept = _settled(subject, terms, model, made, executed, samples, candidates, meaning)
-        proof.effort, proof.meaning = equivalence.effort, kept
-        found = _first_difference(equivalence, model, executed, kept)
-        if found is None:
-            return
+        found: tuple[str, Difference] | None = None
+        settled: dict[_Way, tuple[Equivalence, Meaning]] = {}
+        for way, whole in _WAYS:
+            if way not in settled:
+                settled[way] = _settled(subject, terms, model, made, executed, samples, candidates, meaning, way)
+            equivalence, kept = settled[way]
+            proof.effort, proof.meaning = equivalence.effort, kept
+            found = _first_difference(equivalence, model, executed, kept, whole=whole)
+            if found is None:
+                return
+            if found[1].model is not None:
+                break
+        assert found is not None
         what, difference = found
         failure = failure or _not_equal(what, model, candidates, difference.model)
         if difference.model is not None:
@@ -214,10 +232,12 @@ def _settled(
     samples: Mapping[Atom, IntArray],
     candidates: Candidates,
     meaning: Meaning,
+    way: _Way,
 ) -> tuple[Equivalence, Meaning]:
     """Find the cuts, with places of the state standing for what is shown to be kept in them, as far as that goes."""
     while True:
-        equivalence = _equivalence(subject, terms, model, samples, dict(zip(executed.slots, meaning, strict=True)))
+        places = dict(zip(executed.slots, meaning, strict=True))
+        equivalence = _equivalence(subject, terms, model, samples, places, way)
         equivalence.abstract(made)
         better = [
             _kept(equivalence, model, term, found, now)
@@ -233,7 +253,7 @@ def _settled(
 
 
 def _first_difference(
-    equivalence: Equivalence, model: Model, executed: Step, meaning: Meaning
+    equivalence: Equivalence, model: Model, executed: Step, meaning: Meaning, *, whole: bool
 ) -> tuple[str, Difference] | None:
     """The first output or place of the state that is not shown to be right, by its name."""
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
@@ -243,7 +263,7 @@ def _first_difference(
         if signal is not None
     ]
     for what, term, expected in claims:
-        difference = equivalence.difference(term, expected)
+        difference = equivalence.difference(term, expected, whole=whole)
         if difference is not None:
             return what, difference
     return None
@@ -269,7 +289,12 @@ def _others(made: Sequence[Term], samples: Mapping[Atom, IntArray]) -> dict[Atom
 
 
 def _equivalence(
-    subject: Subject, terms: Terms, model: Model, samples: Mapping[Atom, IntArray], meaning: Mapping[Atom, int | None]
+    subject: Subject,
+    terms: Terms,
+    model: Model,
+    samples: Mapping[Atom, IntArray],
+    meaning: Mapping[Atom, int | None],
+    way: _Way,
 ) -> Equivalence:
     """With the state's places standing for signals; those without a meaning stay unknown."""
     kept = {atom: signal for atom, signal in meaning.items() if signal is not None}
@@ -278,7 +303,16 @@ def _equivalence(
         before = model.previous_values(samples, _SAMPLES)
         values |= {atom: before[:, signal] for atom, signal in kept.items()}
     state = {atom: model.previous[signal] for atom, signal in kept.items()}
-    return Equivalence(terms, model, values, state, subject.lemmas, paranoid=subject.paranoid)
+    return Equivalence(
+        terms,
+        model,
+        values,
+        state,
+        subject.lemmas,
+        widely=way == "widely",
+        thoroughly=way == "thoroughly",
+        paranoid=subject.paranoid,
+    )
 
 
 def _kept(equivalence: Equivalence, model: Model, term: Term, candidates: Sequence[int], now: int | None) -> int | None:
