@@ -97,9 +97,8 @@ class _Row:
         both = 2 * self.scale**2 * self.gram[np.ix_(places, places)] * np.outer(signs, signs)
         both[places[:, None] == places] = np.inf
         slope = self.gram @ (integers * self.scale - self.target)
-        least = (
-            1e-9 * self.scale**2 * float(np.trace(self.gram))
-        )  # below it, rounding might make the changes go in circles
+        # Below it, rounding might make the changes go in circles.
+        least = 1e-9 * self.scale**2 * float(np.trace(self.gram))
         while True:
             alone = 2 * slope[places] * signs * self.scale + np.diag(self.gram)[places] * self.scale**2
             alone[np.abs(integers[places] + signs) > self.largest] = np.inf

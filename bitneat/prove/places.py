@@ -30,7 +30,7 @@ Meaning = list[int | None]
 
 
 @dataclass
-class Step:
+class Executed:
     """A step as terms: of the inputs and of what the state held."""
 
     finished: Finished
@@ -80,7 +80,7 @@ def _needed(controller: Controller) -> set[int]:
 
 
 def agreeing(
-    step: Step,
+    executed: Executed,
     model: Model,
     samples: Mapping[Atom, IntArray],
     candidates: Candidates,
@@ -103,8 +103,8 @@ def agreeing(
     for meaning in islice(_guesses(candidates, guess), _MOST_GUESSES):
         if meaning in tried:
             continue
-        kept = {atom: before[:, i] for atom, i in zip(step.slots, meaning, strict=True) if i is not None}
-        found = numbers([*step.outputs, *step.state], {**samples, **kept})
+        kept = {atom: before[:, i] for atom, i in zip(executed.slots, meaning, strict=True) if i is not None}
+        found = numbers([*executed.outputs, *executed.state], {**samples, **kept})
         wanted = outputs + [None if i is None else after[:, i] for i in meaning]
         if all(column is None or np.array_equal(one, column) for one, column in zip(found, wanted, strict=True)):
             return meaning

@@ -17,7 +17,7 @@ from bitneat.prove.evaluation import signed_values, values_of
 from bitneat.prove.execute import Machine, Program
 from bitneat.prove.flags import UnsupportedError
 from bitneat.prove.memory import Region, Violation
-from bitneat.prove.places import Candidates, Meaning, Step, agreeing, seen_to_keep
+from bitneat.prove.places import Candidates, Executed, Meaning, agreeing, seen_to_keep
 from bitneat.prove.queries import SolverDisagreementError, differ
 from bitneat.prove.replay import Counterexample, search
 from bitneat.prove.semantics import IntArray, Model, build, random_states
@@ -140,7 +140,7 @@ def _program(image: Image) -> Program:
 # A step --------------------------------------------------------------------------------------------------------------
 
 
-def _execute(subject: Subject, terms: Terms, model: Model) -> Step:
+def _execute(subject: Subject, terms: Terms, model: Model) -> Executed:
     image = subject.image
     code, symbols = image.code, image.symbols
     run = image.entry == "run"
@@ -168,7 +168,7 @@ def _execute(subject: Subject, terms: Terms, model: Model) -> Step:
     for i, atom in enumerate(slots):
         machine.memory.provide(state.start + 2 * i, terms.var(atom, 16))
     finished = machine.call(image.function, arguments)
-    return Step(
+    return Executed(
         finished,
         [finished.memory.result(to + 2 * i, 2, f"output {i}") for i in range(code.num_outputs)],
         [finished.memory.result(state.start + 2 * i, 2, f"state {i}") for i in range(len(slots))],
@@ -228,7 +228,7 @@ def _settled(
     terms: Terms,
     model: Model,
     made: Sequence[Term],
-    executed: Step,
+    executed: Executed,
     samples: Mapping[Atom, IntArray],
     candidates: Candidates,
     meaning: Meaning,
@@ -253,7 +253,7 @@ def _settled(
 
 
 def _first_difference(
-    equivalence: Equivalence, model: Model, executed: Step, meaning: Meaning, *, whole: bool
+    equivalence: Equivalence, model: Model, executed: Executed, meaning: Meaning, *, whole: bool
 ) -> tuple[str, Difference] | None:
     """The first output or place of the state that is not shown to be right, by its name."""
     claims = [(f"output {i}", *pair) for i, pair in enumerate(zip(executed.outputs, model.outputs, strict=True))]
@@ -371,7 +371,7 @@ def _unknown_atoms(roots: Sequence[Term]) -> list[Atom]:
 
 
 def _simulate(
-    subject: Subject, model: Model, executed: Step, generator: np.random.Generator, unknown: Sequence[Atom]
+    subject: Subject, model: Model, executed: Executed, generator: np.random.Generator, unknown: Sequence[Atom]
 ) -> Candidates:
     """Take steps from reset in terms, in the reference and in the emulator; which signals each place of the state may keep.
 
