@@ -540,6 +540,20 @@ def test_a_constant_that_a_step_changes_is_not_believed(value: int, monkeypatch:
         assert not model.previous[signal].is_const
 
 
+def test_a_constant_that_a_step_can_leave_for_what_it_was_at_reset_is_not_believed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nodes = (Node((Link(0),), 0, 0, "step"), Node((Link(1, delay=1), Link(0)), 0, 0, "identity"))
+    drawn = Controller((Input(limit=9),), nodes, (Signal(2),), 8)
+    found = intervals(drawn)
+    wrong = Intervals((found.signals[0], Interval(256, 256), found.signals[2]), found.nodes)
+    monkeypatch.setattr(semantics, "intervals", lambda _: wrong)
+    model = semantics.build(Terms(), drawn, guard=False)
+    assert found.signals[1] == (0, 256)
+    assert not model.constant
+    assert "started" not in [atom.name for atom in model.free]
+
+
 def test_what_is_the_same_after_every_step_is_one_unknown_before_it() -> None:
     nodes = (
         Node((Link(0),), 1 << 20, 0, "clamped"),
