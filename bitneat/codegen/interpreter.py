@@ -244,7 +244,7 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str, word: Word
     layout = Layout(controller)
     activations = layout.activations
     record_bits = 8 * layout.record_bytes
-    gains = {node.gain for node in controller.nodes} or {0}
+    gains = {node.gain for node in controller.nodes}
     clip = "clip" if _largest_sum(controller) <= NARROW_CLIP_MAX else "clip_wide"
     activation_mask = (1 << layout.activation_bits) - 1
     field_bits = layout.activation_bits + layout.gain_bits
@@ -256,6 +256,7 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str, word: Word
         start, response = f"{controller.one}U", f"{prefix}_clip_raised(sum, {controller.one}U)"
     elif single is not None and gains == {0}:
         response = single
+    first_byte = blob.data[blob.body_offset] if controller.nodes else 0  # of rice the two parameters
     has_step_gain = len(gains) > 1 and layout.min_gain < 0 and _can_shift_up(controller, word)
     return InterpreterView(
         prefix=prefix,
@@ -279,8 +280,8 @@ def specialized_view(controller: Controller, blob: Blob, prefix: str, word: Word
         shift_width="3",
         more_record_bytes=tuple(RecordByte(8 * i, None) for i in range(1, layout.record_bytes)),
         rice_step="0U" if layout.has_shifts else "1U",
-        count_k=str(blob.data[blob.body_offset] & 7) if blob.encoding == "rice" and controller.nodes else "0",
-        gap_k=str(blob.data[blob.body_offset] >> 3 & 7) if blob.encoding == "rice" and controller.nodes else "0",
+        count_k=str(first_byte & 7),
+        gap_k=str(first_byte >> 3 & 7),
         locals={},
         varying_gain=len(gains) > 1,
         fixed_gain=layout.min_gain,
@@ -321,11 +322,7 @@ def fits_unsigned(controller: Controller, encoding: str) -> bool:
         largest = WORD_SUM_MAX if node.activation == "identity" else WORD_SUM_MAX - clamped
         if bounds.scaled.magnitude > largest or bounds.accumulator.magnitude > WORD_SUM_MAX:
             return False
-    return (
-        len({node.gain for node in controller.nodes}) < 2
-        or layout.min_gain >= 0
-        or _can_shift_up(controller, "unsigned")
-    )
+    return layout.min_gain >= 0 or _can_shift_up(controller, "unsigned")
 
 
 def _can_shift_up(controller: Controller, word: Word) -> bool:

@@ -58,7 +58,6 @@ def main() -> None:
         binary = Binary(interface)
     except (AttributeError, OSError) as error:
         answers.write(f"{' '.join(str(error).split())}\n".encode())
-        answers.flush()
         return
     answers.write(READY)
     answers.flush()

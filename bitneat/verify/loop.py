@@ -204,10 +204,10 @@ class Comparison:
     ) -> bool:
         """Successive steps from reset in one request; whether the code survived."""
         implementation = lane.implementation
-        chooses = isinstance(self.action, DiscreteAction) and implementation.decide(outputs[0]) is not None
         try:
             implementation.reset()
             answers = implementation.run(vectors)
+            chooses = isinstance(self.action, DiscreteAction) and implementation.decide(outputs[0]) is not None
             choices = implementation.decisions(outputs)[:, 0] if chooses else None
         except ImplementationError:
             self._find_crash(lane, vectors, outputs, start)

@@ -175,6 +175,15 @@ def test_a_name_that_cannot_prefix_c_is_refused(name: str, why: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_a_name_is_forty_characters_at_most_and_fifty_of_a_longer_one_are_shown() -> None:
+    assert check_name("w" * 40) == "w" * 40
+    for check in (check_name, check_member_name):
+        with pytest.raises(CNameError, match=rf"^here: '{'-' * 50}' is no C identifier"):
+            check("-" * 50, "here")
+        with pytest.raises(CNameError, match=rf"^here: \"'{'-' * 50}'\" is no C identifier"):
+            check("-" * 51, "here")
+
+
 def test_foreign_text_cannot_leave_its_comment(tmp_path: Path) -> None:
     code = generate(LEGS, "legs", "unrolled", environment_id='x */ #error "out" /* \\\n??/ \x00é')
     comment = code.header[: code.header.index("#ifndef")]
@@ -207,6 +216,15 @@ def test_a_choice_that_32_bits_cannot_name_is_refused(start: int) -> None:
 def test_shifts_leave_the_dense_encodings_out_of_the_choice() -> None:
     shifted = Controller((Input(0, 9),), (Node((Link(0, shift=1),)),), (Signal(1),))
     assert set(table_encodings(shifted.canonical)) <= {"bytes", "rice"}
+
+
+def test_a_table_shifts_by_a_field_only_where_gains_differ() -> None:
+    for gains, shifts in (((-2, -2), False), ((-2, 1), True)):
+        nodes = tuple(Node((Link(0), Link(1, sign=-1)), 0, gain, "clamped") for gain in gains)
+        controller = Controller((Input(0, 900), Input(0, 700)), nodes, (Signal(2), Signal(3)))
+        text = generate(controller, "legs", "table", encoding="bytes").source
+        assert ("floor_shift_by_sign" in text) == shifts
+        assert ("fields" in text) == shifts
 
 
 def test_files_are_written_whole_under_the_name_that_the_source_includes(tmp_path: Path) -> None:

@@ -52,6 +52,17 @@ def test_a_shifted_link_to_a_sum_of_what_is_read_besides() -> None:
     assert "legs_opaque(n0 << 1)" in generate(made, "legs", "unrolled").source
 
 
+def test_of_several_sums_each_is_followed() -> None:
+    nodes = (
+        Node((Link(0), Link(1, sign=-1)), 0, 0, "clamped"),
+        Node((Link(1),), 0, 2, "identity"),
+        Node((Link(3), Link(0)), 0, 0, "identity"),
+        Node((Link(4), Link(1)), 0, 0, "identity"),
+    )
+    made = Controller((Input(limit=255), Input(limit=255)), nodes, tuple(Signal(2 + i) for i in range(4)), 8)
+    assert recombined(made, intervals(made).nodes) == Recombined(frozenset({1}), frozenset())
+
+
 MEETING = {
     "a signal": (Node((Link(0),), 0, 1, "identity"), Node((Link(0), Link(2)), 0, 0, "identity")),
     "a sum": (Node((Link(0), Link(1)), 0, 1, "identity"), Node((Link(0), Link(1), Link(2)), 0, 0, "identity")),

@@ -33,3 +33,11 @@ def test_sums_fit_sixteen_bits_up_to_the_last_that_does(
     controller = Controller(inputs, nodes, (Signal(3), Signal(4)), 8).canonical
     assert [node.gain for node in controller.nodes] == [gain, gain]
     assert fits_unsigned(controller, "bytes") is fits
+
+
+@pytest.mark.parametrize(("limit", "fits"), [(2047, True), (2048, False)])
+def test_sums_that_are_shifted_to_the_highest_gain_fit_sixteen_bits(limit: int, fits: bool) -> None:
+    nodes = (Node((Link(0), Link(1, sign=-1)), 0, -3, "clamped"), Node((Link(0), Link(1)), 0, 0, "clamped"))
+    controller = Controller((Input(0, limit), Input(0, limit)), nodes, (Signal(2), Signal(3)), 8).canonical
+    assert [node.gain for node in controller.nodes] == [-3, 0]
+    assert fits_unsigned(controller, "bytes") is fits

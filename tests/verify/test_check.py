@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -6,15 +7,15 @@ import pytest
 
 from bitneat.champion import Champion, EnvironmentSpec
 from bitneat.codegen import STYLES
-from bitneat.controller import Controller, Encoder, Input
+from bitneat.controller import Controller, Encoder, Input, Link, Node, Signal
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.sim.environment import make
 from bitneat.verify.cfile import CFile
-from bitneat.verify.check import HARDCORE, Settings, verify
+from bitneat.verify.check import HARDCORE, Settings, paper_bytes, verify
 from bitneat.verify.implementation import Implementation
 from bitneat.verify.machine import Toolchain
-from bitneat.verify.targets import HostTarget, select
+from bitneat.verify.targets import HostTarget, ReadyTarget, select
 from bitneat.version import __version__
 from tests.verify.champions import champion, plain_champion, written
 
@@ -282,6 +283,57 @@ def test_the_report_has_exactly_the_promised_keys(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert (data["verdict"], data["episodes"], data["steps"]) == ("pass", 2, 60)
     assert data["controller"]["paper_bytes"] == 1
+
+
+@pytest.mark.parametrize("handed_out", [True, False])
+def test_only_a_file_that_is_handed_out_is_named(handed_out: bool, tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    data = verify(whose, code, select(["host-unrolled"]), SHORT, handed_out=handed_out).to_data()
+    assert data["c_file"] == (str(code.path) if handed_out else None)
+    assert data["c_sha256"] == code.content_sha256
+
+
+@pytest.mark.parametrize(("links", "expected"), [(0, 0), (1, 1), (5, 1), (6, 2), (16, 3), (17, 4)])
+def test_the_papers_own_figure_is_a_bit_and_a_half_a_link(links: int, expected: int) -> None:
+    inputs = tuple(Input() for _ in range(max(links, 1)))
+    node = Node(tuple(Link(i) for i in range(links)))
+    assert paper_bytes(Controller(inputs, (node,), (Signal(len(inputs)),), 8)) == expected
+
+
+def unasked(name: str, **memory: int) -> ReadyTarget:
+    (ready,) = select([name])
+    return replace(ready, asked=False, target=replace(ready.target, **memory))  # type: ignore[type-var]
+
+
+def test_a_chip_that_nobody_asked_for_and_is_too_small_is_a_warning(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    targets = [*select(["host-unrolled"]), unasked("rv32ec", flash=5), unasked("cortex-m0", ram=3)]
+    report = verify(whose, code, targets, SHORT)
+    assert report.passed
+    assert len(report.warnings) == 4
+    assert [warning.split(":")[0] for warning in report.warnings] == [
+        "rv32ec (unrolled)",
+        "rv32ec (table)",
+        "cortex-m0 (unrolled)",
+        "cortex-m0 (table)",
+    ]
+    assert all(": not run: needs " in warning for warning in report.warnings)
+    assert {(target.name, target.steps_compared) for target in report.targets[1:]} == {
+        ("rv32ec", None),
+        ("cortex-m0", None),
+    }
+
+
+def test_a_violation_names_the_style_where_a_target_has_both(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    code.path.write_text(code.source.replace("    action[0]", "    extern void f(void); f();\n    action[0]", 1))
+    report = verify(whose, CFile.read(code.path), select(["host-unrolled", "cortex-m0"]), SHORT)
+    assert not report.passed
+    said = {failure.split(":")[0] for failure in report.failures if "needs f from elsewhere" in failure}
+    assert said == {"host-unrolled", "cortex-m0 (unrolled)"}
 
 
 def test_the_same_seeds_give_the_same_report(tmp_path: Path) -> None:

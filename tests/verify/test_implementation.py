@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import random
+import signal
 import time
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from bitneat.controller import Reference
 from bitneat.native.compiler import CompilerError
 from bitneat.verify import implementation as under_test
 from bitneat.verify.cfile import CFile, CFileError
+from bitneat.verify.child import REQUEST, STEPS
 from bitneat.verify.implementation import HostC, ImplementationError
 from tests.strategies import input_vectors
 from tests.verify.champions import champion, plain_champion, written
@@ -87,6 +89,29 @@ def test_an_endless_loop_is_a_finding(tmp_path: Path, monkeypatch: pytest.Monkey
     with HostC(code) as running, pytest.raises(ImplementationError, match="did not come back within 1 s"):
         running.step(np.zeros(3, dtype=np.int16))
     assert time.monotonic() - began < 15
+
+
+def test_what_hangs_is_ended_when_it_is_no_longer_wanted(tmp_path: Path) -> None:
+    code = edited(
+        written(plain_champion(), tmp_path), "    action[0]", "    for (volatile int i = 1; i != 0;) { }\n    action[0]"
+    )
+    running = HostC(code)
+    running._requests.write(REQUEST.pack(STEPS, 1) + bytes(6))
+    running._requests.flush()
+    running.close()
+    assert running._process.returncode == -signal.SIGKILL
+
+
+def test_what_ended_by_itself_is_said(tmp_path: Path) -> None:
+    text = "action[0] = legs_signal(n0);"
+    code = edited(written(plain_champion(), tmp_path), text, text + " extern void exit(int); exit(3);")
+    with HostC(code) as running, pytest.raises(ImplementationError, match=r"^its process ended with status 3$"):
+        running.step(np.zeros(3, dtype=np.int16))
+    with HostC(code) as running:
+        with pytest.raises(ImplementationError, match="status 3"):
+            running.step(np.zeros(3, dtype=np.int16))
+        with pytest.raises(ImplementationError, match="status 3"):
+            running.step(np.zeros(3, dtype=np.int16))  # there is no one to be asked any more
 
 
 def test_a_missing_function_is_one_clear_line(tmp_path: Path) -> None:

@@ -65,6 +65,10 @@ def test_code_that_ends_within_an_instruction_is_refused(instructions: Instructi
         ("342fb695a79597958795 3a95d1f7", 1),  # the count comes from a register
         ("34e0b695a79597958795 3a95d9f3", 1),  # the branch is on another flag
         ("b695a79597958795 3a95d1f7", 1),  # nothing sets the count
+        ("34e0b695 3a95d1f7", 0),  # one byte is shifted
+        ("34e0b695a79597958795b695 3a95d1f7", 1),  # more than four shifts are something else
+        ("3a95d1f7", 1),
+        ("d1f7", 1),
     ],
 )
 def test_on_avr_a_shift_by_a_constant_is_no_conditional_branch(code: str, branches: int) -> None:

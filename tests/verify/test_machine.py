@@ -34,6 +34,8 @@ def test_what_is_remembered_counts_as_ram(tmp_path: Path) -> None:
     code = written(champion(seed=3, recurrent=True), tmp_path)
     assert code.num_state is not None
     assert examine(code, Toolchain(host_compiler())).ram == 2 * code.num_state
+    (ready,) = select(["wasm32"])
+    assert examine(code, ready.toolchain).ram == 2 * code.num_state > 4
 
 
 @pytest.mark.parametrize(

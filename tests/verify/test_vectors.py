@@ -19,6 +19,11 @@ def test_vectors_stay_in_the_domain_and_reach_its_ends() -> None:
     # Every magnitude has its share.
     assert (np.abs(vectors[:, 2].astype(int)) < 16).sum() > 200
     assert (np.abs(vectors[:, 2].astype(int)) > 16000).sum() > 500
+    # Of what stands at marks a sixth is 0, and numbers of few bits have either sign.
+    assert (vectors[:, 2] == 0).sum() > 180
+    few = vectors[(np.abs(vectors[:, 2].astype(int)) < 128) & (vectors[:, 2] != 0), 2]
+    assert 0.3 < (few < 0).mean() < 0.7
+    assert len(set(few.tolist())) > 60
 
 
 def test_vectors_are_the_same_for_the_same_seed() -> None:

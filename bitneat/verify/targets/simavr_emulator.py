@@ -82,11 +82,10 @@ class SimavrMachine:
         require_symbols(image, ("bitneat_steps", "bitneat_halt", "bitneat_data_end", image.function))
         self._image = image
         self._ffi, self._library = _library()
-        flash = bytearray()
-        for address, content in image.segments:
-            if address < _DATA:
-                flash[len(flash) :] = bytes(max(address - len(flash), 0))
-                flash[address : address + len(content)] = content
+        code = [(address, content) for address, content in image.segments if address < _DATA]
+        flash = bytearray(max(address + len(content) for address, content in code))
+        for address, content in code:
+            flash[address : address + len(content)] = content
         self._machine = self._library.bitneat_avr_new(emulator.mcu.encode(), bytes(flash), len(flash))
         if not self._machine:
             raise BitneatError(f"simavr: cannot load {image.code.path} into its {emulator.mcu}")

@@ -19,8 +19,10 @@ import yaml
 from bitneat.champion import Champion, EnvironmentSpec, save_pickle
 from bitneat.cli.codegen import KINDS as OFFERED
 from bitneat.cli.main import main
+from bitneat.codegen import generate
 from bitneat.codegen.package import KINDS
-from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction
+from bitneat.codegen.package.view import Package
+from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.verify.cfile import CFile
 from bitneat.version import __version__
 from tests.strategies import random_controller
@@ -322,6 +324,17 @@ def test_library_properties_follow_the_specification(champion: Champion) -> None
     assert properties["architectures"] == "*"
     for header in properties["includes"].split(","):
         assert (folder / "src" / header).is_file()
+
+
+@pytest.mark.parametrize(
+    ("environment", "begins"),
+    [("Legs-v0", "A controller evolved on Legs-v0: 1 inputs,"), ("", "A controller: 1 inputs,")],
+)
+def test_the_description_says_where_it_was_evolved_if_that_is_known(environment: str, begins: str) -> None:
+    controller = Controller((Input(0, 9),), (Node((Link(0), Link(1, 1))),), (Signal(1),))
+    code = generate(controller, "legs", "table")
+    made = Package("plain", code, "", controller, None, environment, guard=False, flash=100)
+    assert made.description.startswith(begins)
 
 
 def test_library_json_follows_platformios_schema(champion: Champion) -> None:

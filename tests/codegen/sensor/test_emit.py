@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: MIT
 """What an expression of C that clips is made of."""
 
+from dataclasses import replace
+from fractions import Fraction
+
 import pytest
 
-from bitneat.codegen.sensor.emit import _Emitter
+from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, Term, fit
+from bitneat.codegen.sensor.emit import _Emitter, _member, formula
+from bitneat.codegen.sensor.plan import Channel
 from bitneat.controller.interval import Interval
 
 HALF = 2**31
@@ -33,3 +38,29 @@ def test_only_sides_that_can_be_exceeded_are_clipped_by_subtraction_where_that_k
     text = emitter.clamp("x", Interval(*values), Interval(*limits))
     assert sorted(emitter.helpers) == helpers
     assert text.count("legs_") == len(helpers)
+
+
+@pytest.mark.parametrize(("low", "q"), [(-1, "x + 1"), (0, "x"), (1, "x - 1"), (2, "x - 2")])
+def test_a_formula_says_where_its_argument_begins(low: int, q: str) -> None:
+    made = IntegerMap(Interval(low, 1000), Interval(-500, 500), 0, (Term(1, 3),), -7, 4, Fraction(1, 2))
+    assert formula(made) == f"floor((8 q - 7) / 2^4), q = {q}"
+    halved = replace(made, pre=1)
+    assert formula(halved).endswith(f"q = floor({q} / 2^1)" if low == 0 else f"q = floor(({q}) / 2^1)")
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "name"),
+    [
+        (0, 65535, "uint16_t"),
+        (0, 65536, "int32_t"),
+        (-1, 32767, "int16_t"),
+        (-32768, 0, "int16_t"),
+        (-1, 32768, "int32_t"),
+        (-32769, 0, "int32_t"),
+    ],
+)
+def test_a_member_has_the_first_type_that_holds_its_counts(low: int, high: int, name: str) -> None:
+    exact = ExactMap(Fraction(1, 4), Fraction(0), Interval(low, high), Interval(-32767, 32767))
+    found = fit(exact, Fraction(1))
+    assert isinstance(found, IntegerMap)
+    assert _member(Channel(0, "speed", exact, found), Interval(low, high), "signals").type == name

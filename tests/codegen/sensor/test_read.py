@@ -86,6 +86,7 @@ def changed(old: str, new: str) -> str:
         (changed("unused_inputs = [2]", ""), "inputs: nothing maps input 2"),
         (changed("unused_inputs = [2]", "unused_inputs = 2"), "unused_inputs: expected a list"),
         (changed("[-100, 100]", "[100, -100]"), "inputs[0].counts: expected [lowest, highest], got [100, -100]"),
+        (changed("[-100, 100]", "[5, 5]"), "inputs[0].counts: expected [lowest, highest], got [5, 5]"),
         (changed("[-100, 100]", "[0.5, 100]"), "inputs[0].counts: expected two whole numbers"),
         (
             changed("[-100, 100]", "[0, 16777217]"),

@@ -19,7 +19,7 @@ from bitneat.verify.cfile import CFile
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.implementation import ImplementationError, entries
 from bitneat.verify.loop import Comparison, Lane
-from bitneat.verify.machine import Toolchain, examine
+from bitneat.verify.machine import OBJECT_FLAGS, Toolchain, examine
 from bitneat.verify.targets import TARGETS, chip, select
 from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.chips import CHIPS
@@ -241,6 +241,24 @@ def test_the_report_says_what_a_step_takes(tmp_path: Path) -> None:
     assert [other["cycles_per_step"] for other in others] == [None, None]
     assert [other["trace"]["data_independent"] for other in others] == [True, None]
     assert others[0]["trace"]["entries"]["step"]["timing"] == "data-independent trace"
+
+
+@pytest.mark.parametrize("environment", ["BipedalWalker-v3", "Pendulum-v1"])
+def test_the_measured_stack_on_avr_is_the_one_that_gcc_computes(environment: str, tmp_path: Path) -> None:
+    target, toolchain = ready("avr")
+    if toolchain.compiler.family != "gcc":
+        pytest.skip("no gcc to compare with")
+    whose = champion(environment, seed=1)
+    code = written(whose, tmp_path)
+    inputs = np.zeros((1, len(whose.controller.inputs)), np.int16)
+    measured = target.implementation(code, toolchain, "step").trace(inputs, 1).stack
+    flags = [*toolchain.flags, *OBJECT_FLAGS, "-fstack-usage", "-c", str(code.path), "-o", str(tmp_path / "legs.o")]
+    subprocess.run([*toolchain.compiler.command, *flags], check=True)
+    # A line for each function: its place, bytes with the return address, and whether that is all. Activations call nothing.
+    usage = [line.split("\t") for line in (tmp_path / "legs.su").read_text().splitlines()]
+    assert {kind for _, _, kind in usage} == {"static"}
+    (step,) = [int(size) for place, size, _ in usage if place.endswith(":legs_step")]
+    assert measured == step + max((int(size) for place, size, _ in usage if not place.endswith("_step")), default=0)
 
 
 @pytest.mark.parametrize("name", ["cortex-m0", "rv32imc"])

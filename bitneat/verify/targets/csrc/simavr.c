@@ -96,10 +96,11 @@ int bitneat_avr_run(void *machine, uint32_t entry, uint32_t halt, uint64_t limit
             if (trace->active) {
                 if (!was_active) {
                     begin = avr->cycle;
-                    /* The stack pointer is written in two halves, and is nonsense in between: only accesses count. */
-                    trace->entry_sp = pointer(avr, R_SPL);
+                    /* The stack pointer is written in two halves, and is nonsense in between: only accesses count.
+                     * AVR's points to the next free byte, others' to the last in use. */
+                    trace->entry_sp = pointer(avr, R_SPL) + 1;
                     if (trace->num_steps == 0) {
-                        trace->lowest = trace->entry_sp + 1;
+                        trace->lowest = trace->entry_sp;
                     }
                 }
                 access(avr, avr->pc, trace);

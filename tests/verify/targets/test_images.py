@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: MIT
+"""What is linked and loaded: where it may be changed, and where a machine's memory ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bitneat.errors import BitneatError
+from bitneat.verify.targets.image import Image, build_image, require_symbols
+from tests.verify.champions import plain_champion, written
+from tests.verify.targets.test_chips import emulated, ready
+
+
+@pytest.fixture(scope="module")
+def image(tmp_path_factory: pytest.TempPathFactory) -> Image:
+    target, toolchain = ready("cortex-m0")
+    names = ("bitneat_steps",)
+    code = written(plain_champion(), tmp_path_factory.mktemp("image"))
+    return build_image(code, toolchain, "step", batch=4, link_flags=target.emulator.link_flags(names))
+
+
+@pytest.mark.parametrize(("first", "size"), [(0, 2), (4, 2), (-2, 2)])
+def test_the_code_under_test_can_be_changed_from_its_first_byte_to_its_last(
+    image: Image, first: int, size: int
+) -> None:
+    at = first % len(image.controller)
+    changed = image.patched(image.code_range.start + at, b"\xaa\x55")
+    wanted = bytearray(image.controller)
+    wanted[at : at + size] = b"\xaa\x55"
+    assert changed.controller == bytes(wanted)
+    assert image.controller != changed.controller
+    assert len(changed.content) == len(image.content)
+    assert sum(a != b for a, b in zip(changed.content, image.content, strict=True)) <= 2
+
+
+def test_nothing_else_can_be_changed(image: Image) -> None:
+    code = image.code_range
+    for address in (code.start - 2, code.start - 1, code.stop - 1, code.stop):
+        with pytest.raises(ValueError, match=f"{address:#x} is outside the code under test"):
+            image.patched(address, b"\0\0")
+
+
+def test_a_name_that_the_linked_program_lacks_is_said(image: Image) -> None:
+    require_symbols(image, ("bitneat_steps", "legs_step"))
+    with pytest.raises(BitneatError, match=r"legs\.c: the linked program lacks bitneat_wings$"):
+        require_symbols(image, ("bitneat_steps", "bitneat_wings", "bitneat_tail"))
+
+
+@pytest.fixture(scope="module")
+def avr(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    target, toolchain = ready("avr")
+    code = written(plain_champion(), tmp_path_factory.mktemp("avr"))
+    image = build_image(code, toolchain, "step", batch=1, link_flags=target.emulator.link_flags(()))
+    machine = target.emulator.load(image, traced_steps=1)
+    yield SimpleNamespace(machine=machine, image=image)
+    machine.close()
+
+
+def test_an_array_ends_with_the_ram_of_the_chip(avr: Any) -> None:
+    ram_end = 0x900  # the ATmega328P has 2 KB of RAM from 0x100 on
+    room = ram_end - (avr.image.symbols["bitneat_inputs"] - 0x800000)
+    content = bytes(range(1, 255))
+    avr.machine.write("bitneat_inputs", content)
+    assert avr.machine.read("bitneat_inputs", len(content)) == content
+    assert len(avr.machine.read("bitneat_inputs", room)) == room
+    for size in (room + 1, room + 2, 5000):
+        with pytest.raises(BitneatError, match=r"legs\.c: its inputs and outputs do not fit into the RAM$"):
+            avr.machine.read("bitneat_inputs", size)
+
+
+def test_the_stack_is_what_lies_between_the_data_and_the_end_of_the_ram(avr: Any) -> None:
+    struct = avr.machine._recorder.struct
+    assert (struct.stack_begin, struct.stack_end) == (avr.image.symbols["bitneat_data_end"] - 0x800000, 0x900)
+    assert 0x100 < struct.stack_begin < 0x900
+
+
+def test_a_machine_of_webassembly_counts_the_instructions_of_a_step(tmp_path: Path) -> None:
+    one = emulated("wasm32", written(plain_champion(), tmp_path))
+    trace = one.trace(np.array([[1, 2, 3], [4, 5, 6]], np.int16), 1)
+    assert trace.instructions[0] == trace.instructions[1]
+    assert 20 < trace.instructions[0] < 200
