@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import json
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,11 @@ from bitneat.champion import save_pickle
 from bitneat.cli.main import main
 from bitneat.controller.packing import ENCODINGS, pack
 from bitneat.verify.check import Settings, verify
+from bitneat.verify.implementation import ImplementationError
 from bitneat.verify.size import packed_bits
-from bitneat.verify.targets import select
+from bitneat.verify.targets import TARGETS, select
 from bitneat.verify.targets.chip import Chip
+from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.targets.unicorn_emulator import UnicornEmulator
 from tests.strategies import random_controller
 from tests.verify.champions import champion, plain_champion, written
@@ -80,6 +83,25 @@ def test_without_an_emulator_no_style_is_called_the_fastest(
     assert {entry["instructions_per_step"] for entry in found.values()} == {None}
     assert json.loads((tmp_path / "size.json").read_text())["fastest"] == {}
     assert "fastest" not in capsys.readouterr().out
+
+
+def test_a_style_that_does_not_fit_or_crashes_is_not_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_pickle(plain_champion(), tmp_path / "c.pkl")
+    monkeypatch.setitem(TARGETS, "cortex-m0", replace(TARGETS["cortex-m0"], flash=5))  # type: ignore[type-var]
+    found = measured(tmp_path / "c.pkl", "--targets", "cortex-m0")
+    assert {entry["instructions_per_step"] for entry in found.values()} == {None}
+    monkeypatch.undo()
+
+    def crash(*arguments: object) -> None:
+        raise ImplementationError("crashed (UC_ERR)")
+
+    monkeypatch.setattr(EmulatedC, "trace", crash)
+    assert main(["size", str(tmp_path / "c.pkl"), "--targets", "cortex-m0"]) != 0
+    said = capsys.readouterr().err
+    assert "cortex-m0 unrolled (controller_step): crashed (UC_ERR)" in said
+    assert len(said.strip().splitlines()) == 1
 
 
 def test_nothing_is_run_unless_targets_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

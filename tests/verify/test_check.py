@@ -13,9 +13,10 @@ from bitneat.errors import BitneatError
 from bitneat.sim.environment import make
 from bitneat.verify.cfile import CFile
 from bitneat.verify.check import HARDCORE, Settings, paper_bytes, verify
-from bitneat.verify.implementation import Implementation
+from bitneat.verify.implementation import Implementation, ImplementationError
 from bitneat.verify.machine import Toolchain
 from bitneat.verify.targets import HostTarget, ReadyTarget, select
+from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.version import __version__
 from tests.verify.champions import champion, plain_champion, written
 
@@ -366,6 +367,27 @@ def test_an_environment_that_does_not_fit_is_bad_input(environment_id: str, mess
     settings = Settings(environment=EnvironmentSpec(environment_id))
     with pytest.raises(BitneatError, match=message):
         verify(whose, written(whose, tmp_path), select(["host-unrolled"]), settings)
+
+
+def test_an_environment_of_other_actions_does_not_fit(tmp_path: Path) -> None:
+    whose = champion("MountainCarContinuous-v0")
+    settings = Settings(environment=EnvironmentSpec("MountainCar-v0"))
+    with pytest.raises(BitneatError, match=r"^environment MountainCar-v0: its action space is not the champion's$"):
+        verify(whose, written(whose, tmp_path), select(["host-unrolled"]), settings)
+
+
+def test_what_cannot_be_traced_is_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*arguments: object) -> None:
+        raise ImplementationError("crashed (UC_ERR)")
+
+    monkeypatch.setattr(EmulatedC, "trace", crash)
+    whose = plain_champion()
+    report = verify(whose, written(whose, tmp_path), select(["host-unrolled", "cortex-m0"]), SHORT)
+    assert not report.passed
+    said = "when it was traced, it crashed (UC_ERR)"
+    assert report.failures[0] == f"cortex-m0 unrolled (legs_step): {said}"
+    assert all(failure.endswith(said) for failure in report.failures)
+    assert {target.timing for target in report.targets} == {None}
 
 
 def test_a_champion_without_an_environment_has_no_loop(tmp_path: Path) -> None:

@@ -1,17 +1,25 @@
 # SPDX-License-Identifier: MIT
 import re
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
+from bitneat.champion import Champion
 from bitneat.codegen import STYLES
-from bitneat.native.compiler import host_compiler
+from bitneat.native.compiler import CompilerError, host_compiler
 from bitneat.verify import campaign as under_test
 from bitneat.verify import faults
 from bitneat.verify.campaign import run_campaign, verify_fault
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.faults import choose, plant
+from bitneat.verify.implementation import HostC, ImplementationError
+from bitneat.verify.loop import LoopResult
 from bitneat.verify.targets import select
 from tests.verify.champions import champion, plain_champion, written
 
@@ -103,6 +111,87 @@ def test_code_that_crashes_or_does_not_compile_counts_as_caught(
         (result,) = run_campaign(whose, code, report.loop.episodes, host_compiler(), 1)
         outcomes.append(result.outcome)
     assert outcomes == ["crash", "compile"]
+
+
+def judged(
+    outputs: np.ndarray, decisions: np.ndarray | None, whose: Champion, folder: Path, loop: LoopResult, *, chooses: bool
+) -> Any:
+    """What the campaign says of code that answers the episodes with these outputs and decisions."""
+    campaign = under_test.Campaign(whose, written(whose, folder), loop.episodes, host_compiler(), folder)
+    assert campaign._code.has_decide == chooses
+    code: Any = SimpleNamespace(reset=lambda: None, run=lambda inputs: outputs, decisions=lambda rows: decisions)
+    return campaign._difference([code], campaign._loop)
+
+
+def test_the_first_wrong_output_or_decision_is_named(tmp_path: Path) -> None:
+    whose = champion("CartPole-v1", seed=4)
+    loop = verify(whose, written(whose, tmp_path), select(["host-unrolled"]), RECORDED).loop
+    assert loop is not None
+    episode = loop.episodes[0]
+    assert episode.outputs is not None
+    assert episode.inputs is not None
+    right = np.array([[whose.action.decode(row, 8)] for row in episode.outputs], np.int32)
+    arguments: Any = (whose, tmp_path, replace(loop, episodes=(episode,)))
+    assert judged(episode.outputs, right, *arguments, chooses=True) is None
+    wrong = episode.outputs.copy()
+    wrong[3:, 1] += 1
+    seen = judged(wrong, right, *arguments, chooses=True)
+    assert seen is not None
+    place = f"episode 0 (seed {episode.seed}), step 3"
+    assert seen.text == f"{place}: output 1 is {wrong[3, 1]}, expected {wrong[3, 1] - 1}"
+    assert seen.inputs == tuple(episode.inputs[3].tolist())
+    others = right.copy()
+    others[3:] = 1 - others[3:]
+    seen = judged(episode.outputs, others, *arguments, chooses=True)
+    assert seen is not None
+    assert seen.text == f"{place}: the decision is {others[3, 0]}, expected {right[3, 0]}"
+    pendulum = plain_champion()
+    loop = verify(pendulum, written(pendulum, tmp_path), select(["host-unrolled"]), RECORDED).loop
+    assert loop is not None
+    same = loop.episodes[0].outputs
+    assert same is not None
+    whole = replace(loop, episodes=loop.episodes[:1])
+    assert judged(same, None, pendulum, tmp_path, whole, chooses=False) is None
+
+
+@pytest.mark.parametrize("dies", [False, True])
+def test_a_survivor_is_equivalent_as_far_as_can_be_seen_or_crashes_on_others(dies: bool, tmp_path: Path) -> None:
+    whose = champion("CartPole-v1", seed=4, recurrent=True)
+    code = written(whose, tmp_path)
+    campaign = under_test.Campaign(whose, code, (), host_compiler(), tmp_path)
+    with HostC(code) as original:
+        one: Any = original
+        if dies:
+            one = SimpleNamespace(reset=lambda: None, run=raising("crashed (SIGILL)"))
+        result = campaign._survivor(7, choose(code, 7), [one])
+    assert (result.number, result.caught, result.counterexample) == (7, False, None)
+    assert (result.outcome, result.detail) == (
+        ("unreached", "not reached by these inputs: on others it crashed (SIGILL)")
+        if dies
+        else ("equivalent", "no difference on 100000 random vectors: equivalent or unreachable")
+    )
+
+
+def raising(reason: str) -> Callable[..., Any]:
+    def run(*arguments: object) -> None:
+        raise ImplementationError(reason)
+
+    return run
+
+
+def test_a_fault_that_does_not_compile_fails_a_verify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*arguments: object, **options: object) -> None:
+        raise CompilerError("cc: legs.c: failed: nonsense")
+
+    monkeypatch.setattr(under_test, "verify", refuse)
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    _, report = verify_fault(whose, code, 3, select(["host-unrolled"]), Settings(episodes=1, max_steps=2))
+    assert not report.passed
+    assert report.failures == ("cc: legs.c: failed: nonsense",)
+    assert report.code.path == code.path
+    assert report.environment_id == "Pendulum-v1"
+    assert report.to_data()["verdict"] == "fail"
 
 
 def plant_text(code, folder, text):  # type: ignore[no-untyped-def]

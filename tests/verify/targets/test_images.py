@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from bitneat.errors import BitneatError
+from bitneat.verify.targets import unicorn_emulator
 from bitneat.verify.targets.image import Image, build_image, require_symbols
 from tests.verify.champions import plain_champion, written
 from tests.verify.targets.test_chips import emulated, ready
@@ -84,3 +86,30 @@ def test_a_machine_of_webassembly_counts_the_instructions_of_a_step(tmp_path: Pa
     trace = one.trace(np.array([[1, 2, 3], [4, 5, 6]], np.int16), 1)
     assert trace.instructions[0] == trace.instructions[1]
     assert 20 < trace.instructions[0] < 200
+
+
+@pytest.fixture
+def unicorn(image: Image) -> Iterator[Any]:
+    machine = ready("cortex-m0")[0].emulator.load(image)
+    yield machine
+    machine.close()
+
+
+def test_memory_that_is_not_there_is_said(unicorn: Any) -> None:
+    unicorn._image.symbols["nowhere"] = 0x7FFF0000
+    with pytest.raises(BitneatError, match=r"^unicorn: Invalid memory .*UNMAPPED"):
+        unicorn.read("nowhere", 2)
+    with pytest.raises(BitneatError, match=r"^unicorn: Invalid memory .*UNMAPPED"):
+        unicorn.write("nowhere", b"12")
+
+
+def test_a_constant_that_unicorn_does_not_know_asks_for_a_newer_one() -> None:
+    with pytest.raises(BitneatError, match=r"^unicorn: does not know CPU_Z80; a newer version is needed"):
+        ready("cortex-m0")[0].emulator.constant("CPU_Z80")
+
+
+def test_a_package_without_its_library_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    empty = SimpleNamespace(__file__=str(tmp_path / "__init__.py"))
+    monkeypatch.setattr(unicorn_emulator, "import_module", lambda name: empty)
+    with pytest.raises(BitneatError, match=r"lib: has no Unicorn library; install unicorn again$"):
+        unicorn_emulator._libraries.__wrapped__()

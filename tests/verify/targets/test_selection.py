@@ -6,7 +6,7 @@ import pytest
 from bitneat.errors import BitneatError
 from bitneat.native import compiler
 from bitneat.native.compiler import CompilerError
-from bitneat.verify.targets import TARGETS, chip, select, simavr_emulator, unicorn_emulator
+from bitneat.verify.targets import TARGETS, chip, select, simavr_emulator, style_for, unicorn_emulator
 
 
 @pytest.fixture
@@ -80,6 +80,29 @@ def test_without_gcc_a_chip_is_served_by_ziglang(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(chip, "identify", lambda command: None)
     (ready,) = select(["cortex-m0"])
     assert ready.toolchain.compiler.family == "zig"
+
+
+@pytest.mark.parametrize(
+    ("names", "style"),
+    [
+        (None, "auto"),
+        (["host-table"], "table"),
+        (["host-unrolled"], "unrolled"),
+        (["host-unrolled", "host-table"], "auto"),
+        (["host-unrolled", "cortex-m0"], "auto"),
+        (["cortex-m0"], "auto"),
+    ],
+)
+def test_the_style_is_the_only_one_that_the_targets_run(names: list[str] | None, style: str) -> None:
+    assert style_for(names) == style
+
+
+def test_the_host_is_a_chip_without_bounds_or_cycles() -> None:
+    host = TARGETS["host-table"]
+    assert (host.chip, host.ram, host.flash, host.cycles_source) == ("host", None, None, None)
+    assert host.cycles(b"", 0, ()) is None
+    assert "apt install gcc" in host.needs
+    assert host.missing_to_run() is None
 
 
 def test_a_list_without_names_is_refused() -> None:
