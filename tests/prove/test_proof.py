@@ -136,6 +136,24 @@ def test_a_wrong_guess_of_what_a_place_keeps_is_given_up_for_another(
     assert changed == {1}  # to the state in which the wrong guess shows
 
 
+def test_what_was_tried_is_not_guessed_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    drawn = controller_with_rare_values()
+    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
+    agreeing, guesses = proving.agreeing, []
+
+    def again(executed: Any, model: Any, samples: Any, candidates: Any, tried: Sequence[Any]) -> Any:
+        first = agreeing(executed, model, samples, candidates, tried)
+        guesses.append((first, agreeing(executed, model, samples, candidates, [*tried, first])))
+        return first
+
+    monkeypatch.setattr(proving, "agreeing", again)
+    with compiled(code, "x86-64", "-O2") as emulated:
+        assert proof_of(Champion(drawn, box_action(1), None), emulated, "x86-64").verdict == "proved"
+    ((first, second),) = guesses
+    assert first is not None
+    assert second != first
+
+
 def test_a_state_by_a_wrong_guess_refutes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(
         proving, "agreeing", lambda *arguments: None if arguments[4] else [found[0] for found in arguments[3]]
