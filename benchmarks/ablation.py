@@ -61,7 +61,14 @@ VARIANTS: Mapping[str, Variant] = {
     "risk": ("one standard deviation is taken off the mean", {"evolve": {"risk": 1.0}}),
     "restarts": ("a new population after 10 generations without a better candidate", {"evolve": {"restart_after": 10}}),
     "one-species": ("no speciation", {"BitSpeciesSet": {"target_species": 1}}),
-    "many-species": ("20 species, not 6", {"BitSpeciesSet": {"target_species": 20}}),
+    "sought-species": (
+        "the threshold that gives 6 species is sought in each generation",
+        {"BitSpeciesSet": {"threshold_trials": 16}},
+    ),
+    "many-species": (
+        "20 species, whose threshold is sought",
+        {"BitSpeciesSet": {"target_species": 20, "threshold_trials": 16}},
+    ),
     "no-crossover": ("mutation alone", {"BitReproduction": {"crossover": 0.0}}),
     "one-mutation": ("one mutation a child, not 1.5", {"BitGenome": {"mutations": 1.0}}),
     "four-mutations": ("four mutations a child", {"BitGenome": {"mutations": 4.0}}),

@@ -15,7 +15,7 @@ from typing import Any
 
 from bitneat.champion import EnvironmentSpec
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config
+from bitneat.evolve.config import Config, parse
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.run import RunFolder, RunSettings, searching
 from bitneat.evolve.search import Search
@@ -75,9 +75,10 @@ def linear_start(file: Path, spec: EnvironmentSpec, config: Config, seed: int, e
     """
     if file.exists():
         data = json.loads(read_capped(file, _MAX_BYTES))
-        if data["config"] != config.text or data["seed"] != seed:
+        start = LinearStart(parse(data["config"], str(file)), data["seed"], data["parts"])
+        if not start.serves(config, seed):
             raise BitneatError(f"{file}: is of another configuration; remove it")
-        return LinearStart(config, seed, data["parts"])
+        return start
     search = Search(config, spec, inspect(spec), seed, ())
     for _ in range(config["evolve"]["linear_generations"] - 1):
         search.advance(evaluator)

@@ -223,8 +223,9 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
         "compatibility_weight_coefficient": Real(0.5, 0.0, 100.0),
     },
     "BitSpeciesSet": {
-        "compatibility_threshold": Real(3.0, 0.01, 100.0),
+        "compatibility_threshold": Real(3.0, 0.001, 100.0),
         "target_species": Whole(6, 1, 10_000),
+        "threshold_trials": Whole(0, 0, 64),
     },
     "BitReproduction": {
         "elitism": Real(0.05, 0.0, 0.9),

@@ -7,13 +7,14 @@ Elites are the best of the whole population, and they run again in the next gene
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
 from typing import Any
 
 from neat.innovation import InnovationTracker
 from neat.reproduction import DefaultReproduction
-from neat.species import DefaultSpeciesSet, Species
+from neat.species import DefaultSpeciesSet, GenomeDistanceCache, Species
 
 from bitneat.evolve.genome import BitGenome, Indexer, same_network
 
@@ -34,13 +35,57 @@ class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
         self.threshold: float = config.compatibility_threshold
 
     def speciate(self, config: Any, population: dict[int, BitGenome], generation: int) -> None:
-        """Partition the population, then adjust the threshold for the next time."""
+        """Partition the population, by a threshold that is sought for it or that is adjusted for the next time."""
+        settings = self.species_set_config
         self._keep_nearest(population)
-        self.species_set_config.compatibility_threshold = self.threshold
+        if settings.threshold_trials:
+            self.threshold = self._sought(config, population)
+        settings.compatibility_threshold = self.threshold
         super().speciate(config, population, generation)
-        excess = len(self.species) - self.species_set_config.target_species
-        if excess:
+        excess = len(self.species) - settings.target_species
+        if excess and not settings.threshold_trials:
             self.threshold = min(max(self.threshold * (1.1 if excess > 0 else 0.92), 0.05), 20.0)
+
+    def _sought(self, config: Any, population: dict[int, BitGenome]) -> float:
+        """The present threshold if it gives the wanted number of species, else the nearest of a bisection.
+
+        Distances are means over genes, so what tells relatives apart depends on the size of their genomes: a linear policy of two
+        hundred links and its mutants are a hundredth apart.
+        """
+        wanted = self.species_set_config.target_species
+        distances = GenomeDistanceCache(config.genome_config)
+        too_small, too_large = 0.0, math.inf
+        nearest, threshold = (math.inf, self.threshold), self.threshold
+        for _ in range(self.species_set_config.threshold_trials):
+            count = self._count(population, threshold, distances, 2 * wanted)
+            nearest = min(nearest, (abs(count - wanted), threshold))
+            if count == wanted:
+                break
+            if count > wanted:
+                too_small = threshold
+                threshold = min(2 * threshold, 20.0) if too_large == math.inf else math.sqrt(too_small * too_large)
+            else:
+                too_large = threshold
+                threshold = max(threshold / 2, 0.001) if too_small == 0.0 else math.sqrt(too_small * too_large)
+        return nearest[1]
+
+    def _count(
+        self, population: dict[int, BitGenome], threshold: float, distances: GenomeDistanceCache, enough: int
+    ) -> int:
+        """How many species `speciate` would make, counted no further than ``enough``."""
+        left = sorted(population)
+        found = []
+        for key in sorted(self.species):
+            old = self.species[key].representative
+            nearest = min(left, key=lambda one: distances(old, population[one]))
+            left.remove(nearest)
+            found.append(population[nearest])
+        for key in left:
+            if len(found) > enough:
+                break
+            if all(distances(one, population[key]) >= threshold for one in found):
+                found.append(population[key])
+        return len(found)
 
     def past(self, group: Species) -> list[Any]:
         """What a checkpoint must hold of a species besides its members: nothing."""

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import copy
 import random
 
 import pytest
 from neat.population import Population
+from neat.species import GenomeDistanceCache
 
 from bitneat.evolve.config import parse
 from bitneat.evolve.genome import BitGenome, genome_to_data
@@ -68,6 +70,46 @@ def test_the_number_of_species_comes_near_the_target() -> None:
             population.run(rank_by_links, 1)
             counts.append(len(population.species.species))
         assert 2 <= sorted(counts[-20:])[10] <= 14, counts
+
+
+@pytest.mark.parametrize("threshold", [0.05, 0.5, 10.0])
+@pytest.mark.parametrize("target", [1, 6, 20])
+def test_a_threshold_is_found_in_the_first_generation(threshold: float, target: int) -> None:
+    random.seed(2)
+    population = population_of(
+        f"[NEAT]\npop_size = 60\n[BitSpeciesSet]\ncompatibility_threshold = {threshold}\n"
+        f"target_species = {target}\nthreshold_trials = 24\n"
+    )
+    species = population.species
+    assert abs(len(species.species) - target) <= 1
+    for _ in range(10):
+        kept = species.threshold
+        population.run(rank_by_links, 1)
+        assert abs(len(species.species) - target) <= 1
+        # What was found holds for as long as it gives the wanted number.
+        species.speciate(population.config, population.population, 1)
+        if len(species.species) == target:
+            kept = species.threshold
+            species.speciate(population.config, population.population, 1)
+            assert species.threshold == kept
+
+
+def test_species_are_counted_as_they_are_made() -> None:
+    random.seed(4)
+    population = population_of("[NEAT]\npop_size = 50\n[BitSpeciesSet]\ncompatibility_threshold = 0.8\n")
+    species = population.species
+    for _ in range(5):
+        population.run(rank_by_links, 1)
+        for threshold in (0.02, 0.3, 0.8, 1.5, 4.0):
+            distances = GenomeDistanceCache(population.config.genome_config)
+            count = species._count(population.population, threshold, distances, 10**6)
+            again = copy.deepcopy(species)
+            again.threshold = threshold
+            again.speciate(population.config, population.population, 1)
+            assert count == len(again.species)
+            assert species._count(population.population, threshold, distances, 3) == min(
+                count, max(4, len(species.species))
+            )
 
 
 def test_selection_by_rank_moves_the_population() -> None:
