@@ -7,7 +7,7 @@ from bitneat.champion import save_pickle
 from bitneat.codegen import generate
 from bitneat.controller.packing import ENCODINGS, pack_blob
 from bitneat.errors import BitneatError
-from bitneat.verify.cfile import CFile, c_name_for, find
+from bitneat.verify.cfile import CFile, CFileError, c_name_for, find, require_related
 from tests.verify.champions import champion, plain_champion, written
 
 
@@ -144,6 +144,26 @@ def test_c_for_another_environment_is_not_stale_unless_it_has_the_name(tmp_path:
     written(champion("CartPole-v1"), tmp_path, stem="pole")
     assert find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,)).stale is None
     assert find(plain_champion(), tmp_path / "pole.pkl", (tmp_path,)).stale is not None
+
+
+def test_a_file_that_is_named_must_be_the_champions(tmp_path: Path) -> None:
+    whose, path = plain_champion(), tmp_path / "champion.pkl"
+    code = written(whose, tmp_path)
+    require_related(code, whose, path)
+    require_related(written(plain_champion(-1), tmp_path, stem="other"), whose, path)  # an older one of the same task
+    pole = champion("CartPole-v1")
+    require_related(written(pole, tmp_path, stem="champion"), whose, path)  # it has the name
+    other = written(pole, tmp_path, stem="pole")
+    with pytest.raises(
+        CFileError, match=rf"pole\.c: is of another controller \({pole.controller.sha256[:12]}, for CartPole"
+    ):
+        require_related(other, whose, path)
+    nowhere = generate(pole.controller, "pole", "table")
+    with pytest.raises(CFileError, match=r", for no environment\), not of .*champion\.pkl"):
+        require_related(CFile.write(nowhere, tmp_path), whose, path)
+    code.path.write_text(code.source.replace("void legs_step(", "void arms_step("))
+    with pytest.raises(CFileError, match=r"legs\.c: has no function legs_step, although it says that it is legs$"):
+        require_related(CFile.read(code.path), whose, path)
 
 
 def test_a_self_test_is_no_controller(tmp_path: Path) -> None:

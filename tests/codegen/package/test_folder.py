@@ -65,6 +65,12 @@ def test_a_folder_that_is_no_package_is_left_alone(
     assert snapshot(folder) == before
 
 
+def test_a_link_to_nowhere_is_no_free_place(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (working_folder / "legs").symlink_to(working_folder / "gone")
+    assert "legs: a link to nowhere; expected" in refused(capsys, "-o", "legs", "--package", "plain")
+    assert not (working_folder / "gone").exists()
+
+
 def test_another_kind_or_name_is_left_alone(working_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command("-o", "legs", "--package", "plain") == 0
     before = snapshot(working_folder / "legs")

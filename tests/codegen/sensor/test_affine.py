@@ -127,6 +127,11 @@ def test_a_map_that_never_moves_is_told_apart(intercept: int, slope: Fraction) -
     assert active(ExactMap(Fraction(slope), Fraction(intercept), Interval(0, 500), Interval(-2047, 2047))) is None
 
 
+def test_what_never_moves_has_no_fit() -> None:
+    with pytest.raises(ValueError, match="constant over its domain"):
+        fit(ExactMap(Fraction(1), Fraction(100), Interval(0, 9), Interval(-5, 5)), Fraction(1))
+
+
 def test_a_wide_range_that_is_mostly_clipped_is_mapped_where_it_moves() -> None:
     """300 signals a count over 24 bits leave 32 bits by far, but only 14 counts are not clipped."""
     entry = MappedInput("cell", Interval(-(2**23), 2**23), Fraction(300, 256), Fraction(1, 7), Fraction(1))

@@ -149,6 +149,33 @@ def test_a_map_that_cannot_be_made_says_which_and_why(tmp_path: Path, text: str,
     assert "\n" not in str(refusal.value)
 
 
+def test_a_long_line_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    path = written(tmp_path, "x = [" + "1, " * 100_000 + "]")
+    with pytest.raises(SensorMapError, match=r"map\.toml: a line has more than \d+ characters$"):
+        read_sensor_map(path, 3, 1)
+
+
+def test_an_action_that_is_always_the_same_cannot_be_mapped(tmp_path: Path) -> None:
+    found = read_sensor_map(written(tmp_path, GOOD), 3, 1)
+    one_place = BoxAction((0.5,), (0.5,), (1,), "float32")
+    with pytest.raises(
+        SensorMapError, match=r"output 0 \(output_0\): the action is always 0\.5, there is nothing to map"
+    ):
+        plan(CONTROLLER, one_place, found)
+
+
+def test_a_constant_may_have_a_name(tmp_path: Path) -> None:
+    text = (
+        'unused_inputs = [2]\n[[inputs]]\ninput = 0\nconstant = 1\nname = "{}"\n[[inputs]]\ninput = 1\nconstant = 0\n'
+    )
+    outputs = "[[outputs]]\noutput = 0\nvalues = [-1, 1]\ncounts = [0, 255]\n"
+    assert read_sensor_map(written(tmp_path, text.format("gravity") + outputs), 3, 1).inputs[0] == ConstantInput(
+        Fraction(1)
+    )
+    with pytest.raises(SensorMapError, match=r"inputs\[0\]\.name: '9.8' is no C identifier"):
+        read_sensor_map(written(tmp_path, text.format("9.8") + outputs), 3, 1)
+
+
 def test_a_choice_among_actions_has_no_outputs_to_map(tmp_path: Path) -> None:
     with pytest.raises(SensorMapError, match="outputs: the controller chooses among actions"):
         read_sensor_map(written(tmp_path, GOOD), 3, 0)

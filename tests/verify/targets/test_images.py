@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,10 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bitneat.controller import Reference
 from bitneat.errors import BitneatError
 from bitneat.verify.targets import unicorn_emulator
 from bitneat.verify.targets.image import Image, build_image, require_symbols
-from tests.verify.champions import plain_champion, written
+from tests.verify.champions import champion, plain_champion, written
 from tests.verify.targets.test_chips import emulated, ready
 
 
@@ -45,6 +47,31 @@ def test_nothing_else_can_be_changed(image: Image) -> None:
     for address in (code.start - 2, code.start - 1, code.stop - 1, code.stop):
         with pytest.raises(ValueError, match=f"{address:#x} is outside the code under test"):
             image.patched(address, b"\0\0")
+
+
+def test_a_program_without_code_of_the_controller_is_said(image: Image) -> None:
+    nameless = replace(image, content=image.content.replace(b".controller\0", b".kontroller\0"))
+    with pytest.raises(BitneatError, match=r"legs\.c: the linked program has no code of it$"):
+        _ = nameless.code_range
+
+
+def test_a_step_from_a_state_is_that_of_the_reference(tmp_path: Path) -> None:
+    whose = champion(seed=3, recurrent=True)
+    one = emulated("cortex-m0", written(whose, tmp_path))
+    size = one.image.code.num_state
+    assert size is not None
+    inputs = np.array([[250, -200, 100], [5, 6, -7]], np.int16)
+    expected = Reference(whose.controller).run(inputs.tolist())
+    one.reset()
+    one.step(inputs[0])
+    state = np.frombuffer(one._machine.read("bitneat_state", 2 * size), "<i2")
+    one.reset()
+    assert one.step_from(state, inputs[1]).tolist() == expected[1]
+    plain = emulated("cortex-m0", written(plain_champion(), tmp_path))
+    assert (
+        plain.step_from(state[:0], inputs[0]).tolist()
+        == Reference(plain_champion().controller).run([inputs[0].tolist()])[0]
+    )
 
 
 def test_a_name_that_the_linked_program_lacks_is_said(image: Image) -> None:
