@@ -125,6 +125,7 @@ def test_c_of_another_champion_that_is_there_is_not_stale(tmp_path: Path) -> Non
 def test_files_that_cannot_be_read_are_none_of_a_search(tmp_path: Path) -> None:
     code = written(plain_champion(), tmp_path, stem="walker")
     (tmp_path / "damaged.c").write_text(code.path.read_text().replace("SHA-256", "SHA-1"))
+    (tmp_path / "lonely.c").write_text(code.path.read_text().replace("walker.h", "lonely.h"))  # without its header
     (tmp_path / "damaged.pkl").write_bytes(b"nothing")
     found = find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,))
     assert [one.path for one in found.matching] == [code.path]

@@ -12,6 +12,7 @@ import pytest
 
 from bitneat.champion import Champion
 from bitneat.codegen import STYLES
+from bitneat.controller import Controller, Input, Signal
 from bitneat.native.compiler import CompilerError, host_compiler
 from bitneat.verify import campaign as under_test
 from bitneat.verify import faults
@@ -177,6 +178,15 @@ def raising(reason: str) -> Callable[..., Any]:
         raise ImplementationError(reason)
 
     return run
+
+
+def test_code_without_a_table_has_faults_in_its_numbers_alone(tmp_path: Path) -> None:
+    whose = replace(plain_champion(), controller=Controller((Input(0, 256),) * 3, (), (Signal(1),), 8))
+    code = written(whose, tmp_path)
+    assert code.table is None
+    found = {choose(code, number).what for number in range(50)}
+    assert found
+    assert not any("byte" in what for what in found)
 
 
 def test_a_fault_that_does_not_compile_fails_a_verify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

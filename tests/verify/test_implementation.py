@@ -108,10 +108,14 @@ def test_what_ended_by_itself_is_said(tmp_path: Path) -> None:
     with HostC(code) as running, pytest.raises(ImplementationError, match=r"^its process ended with status 3$"):
         running.step(np.zeros(3, dtype=np.int16))
     with HostC(code) as running:
+        for _ in range(2):  # the second time there is no one to be asked any more
+            with pytest.raises(ImplementationError, match="status 3"):
+                running.step(np.zeros(3, dtype=np.int16))
+        first = running._process
+        running.restart()
+        assert running._process.pid != first.pid
         with pytest.raises(ImplementationError, match="status 3"):
             running.step(np.zeros(3, dtype=np.int16))
-        with pytest.raises(ImplementationError, match="status 3"):
-            running.step(np.zeros(3, dtype=np.int16))  # there is no one to be asked any more
 
 
 def test_a_missing_function_is_one_clear_line(tmp_path: Path) -> None:

@@ -79,11 +79,6 @@ class Package:
         return self.controller.sha256
 
     @property
-    def fingerprint(self) -> str:
-        """As much of the fingerprint as tells controllers apart in one line."""
-        return self.sha256[:12]
-
-    @property
     def environment(self) -> str:
         """Where it was evolved, in characters that mean nothing in any of the formats; empty if unknown."""
         return comment_text(self.environment_id)

@@ -131,10 +131,10 @@ def _shifts(exact: ExactMap, tolerance: Fraction) -> Iterator[tuple[int, int]]:
         # What the bits that are dropped first are worth must not use up the tolerance.
         if pre and abs(exact.slope) * (2**pre - 1) >= 2 * tolerance:
             break
-        for post in range(SUM_LIMIT.bit_length()):
-            if reach * 2**post >= SUM_LIMIT:
-                break
+        post = 0
+        while reach * 2**post < SUM_LIMIT:
             yield pre, post
+            post += 1
 
 
 def _slip(exact: ExactMap, moving: Interval, pre: int, terms: tuple[Term, ...], post: int) -> float:

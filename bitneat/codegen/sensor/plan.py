@@ -60,7 +60,7 @@ def plan(controller: Controller, action: Action | None, sensor_map: SensorMap) -
             case ConstantInput(value):
                 # Fraction rounds ties to even, as the encoder does.
                 constants.append((index, min(max(round(value * unit), -limit), limit)))
-            case MappedInput():
+            case MappedInput():  # pragma: no branch - there is no other InputMap, as mypy checks
                 exact = ExactMap(entry.scale * unit, entry.offset * unit, entry.counts, Interval(-limit, limit))
                 where = f"{sensor_map.path}: input {index} ({entry.name})"
                 inputs.append(Channel(index, entry.name, exact, _fit(exact, entry.tolerance, where, "signals")))

@@ -20,9 +20,10 @@ from bitneat.champion import Champion, EnvironmentSpec, save_pickle
 from bitneat.cli.codegen import KINDS as OFFERED
 from bitneat.cli.main import main
 from bitneat.codegen import generate
-from bitneat.codegen.package import KINDS
-from bitneat.codegen.package.view import Package
+from bitneat.codegen.package import KINDS, view
+from bitneat.codegen.package.view import Package, PackageError, flash_bytes
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
+from bitneat.native.compiler import CompilerError
 from bitneat.verify.cfile import CFile
 from bitneat.version import __version__
 from tests.strategies import random_controller
@@ -324,6 +325,22 @@ def test_library_properties_follow_the_specification(champion: Champion) -> None
     assert properties["architectures"] == "*"
     for header in properties["includes"].split(","):
         assert (folder / "src" / header).is_file()
+
+
+def test_without_ziglang_or_with_one_that_fails_no_size_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    controller = Controller((Input(0, 9),), (Node((Link(0), Link(1, 1))),), (Signal(1),))
+    code = generate(controller, "legs", "table", encoding="bytes")
+    assert flash_bytes(code) > 20
+
+    def refuse(one: object) -> int:
+        raise CompilerError("zig: legs.c: failed: no memory")
+
+    monkeypatch.setattr(view, "code_bytes", refuse)
+    with pytest.raises(PackageError, match=r"^codegen --package: cannot measure the code: zig: .* no memory$"):
+        flash_bytes(code)
+    monkeypatch.setattr(view, "zig_compiler", lambda target: None)
+    with pytest.raises(PackageError, match=r"^codegen --package: .* pip install ziglang$"):
+        flash_bytes(code)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bitneat.codegen.sensor.affine import SUM_LIMIT, ExactMap, IntegerMap, NoFit, active, fit
+from bitneat.codegen.sensor.affine import SUM_LIMIT, ExactMap, IntegerMap, NoFit, Term, _centred, active, fit
 from bitneat.codegen.sensor.plan import plan
 from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
@@ -130,6 +130,15 @@ def test_a_map_that_never_moves_is_told_apart(intercept: int, slope: Fraction) -
 def test_what_never_moves_has_no_fit() -> None:
     with pytest.raises(ValueError, match="constant over its domain"):
         fit(ExactMap(Fraction(1), Fraction(100), Interval(0, 9), Interval(-5, 5)), Fraction(1))
+
+
+def test_a_map_that_turns_the_wrong_way_or_not_at_all_is_none() -> None:
+    exact = ExactMap(Fraction(1, 2), Fraction(0), Interval(0, 9), Interval(-50, 50))
+    moving = active(exact)
+    assert moving is not None
+    for terms in ((Term(-1, 3),), (Term(1, 3), Term(-1, 3)), (Term(1, 3), Term(-1, 4))):
+        assert _centred(exact, moving, 0, terms, 4) is None
+    assert _centred(exact, moving, 0, (Term(1, 3),), 4) is not None
 
 
 def test_a_wide_range_that_is_mostly_clipped_is_mapped_where_it_moves() -> None:

@@ -6,9 +6,12 @@ from fractions import Fraction
 
 import pytest
 
+from bitneat.codegen import generate
 from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, Term, fit
-from bitneat.codegen.sensor.emit import _Emitter, _member, formula
-from bitneat.codegen.sensor.plan import Channel
+from bitneat.codegen.sensor.emit import _Emitter, _member, formula, sensor_files
+from bitneat.codegen.sensor.plan import Channel, plan
+from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
+from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 from bitneat.controller.interval import Interval
 
 HALF = 2**31
@@ -64,3 +67,15 @@ def test_a_member_has_the_first_type_that_holds_its_counts(low: int, high: int, 
     found = fit(exact, Fraction(1))
     assert isinstance(found, IntegerMap)
     assert _member(Channel(0, "speed", exact, found), Interval(low, high), "signals").type == name
+
+
+def test_where_nothing_can_be_exceeded_nothing_is_clipped() -> None:
+    controller = Controller((Input(0, 32767),), (Node((Link(0),), gain=-7, activation="identity"),), (Signal(1),), 8)
+    action = BoxAction((-1.0,), (1.0,), (1,), "float32")
+    counts = MappedInput("cell", Interval(0, 65535), Fraction(1, 2**15), Fraction(0), Fraction(1))
+    motor = MappedOutput("motor", (Fraction(-1), Fraction(1)), (-30000, 30000), Fraction(100))
+    sensors = plan(controller, action, SensorMap("map.toml", (counts,), (motor,)))
+    text = sensor_files(generate(controller, "legs", "unrolled"), controller, sensors).source
+    assert "at_least" not in text
+    assert "at_most" not in text
+    assert "_mask" not in text

@@ -88,6 +88,7 @@ def avr(tmp_path_factory: pytest.TempPathFactory) -> Any:
     machine = target.emulator.load(image, traced_steps=1)
     yield SimpleNamespace(machine=machine, image=image)
     machine.close()
+    machine.close()  # nothing is left to be freed
 
 
 def test_an_array_ends_with_the_ram_of_the_chip(avr: Any) -> None:
@@ -100,6 +101,11 @@ def test_an_array_ends_with_the_ram_of_the_chip(avr: Any) -> None:
     for size in (room + 1, room + 2, 5000):
         with pytest.raises(BitneatError, match=r"legs\.c: its inputs and outputs do not fit into the RAM$"):
             avr.machine.read("bitneat_inputs", size)
+
+
+def test_a_chip_that_simavr_does_not_have_is_said(avr: Any) -> None:
+    with pytest.raises(BitneatError, match=r"^simavr: cannot load .*legs\.c into its z80$"):
+        replace(ready("avr")[0].emulator, mcu="z80").load(avr.image)
 
 
 def test_the_stack_is_what_lies_between_the_data_and_the_end_of_the_ram(avr: Any) -> None:
@@ -119,6 +125,7 @@ def test_a_machine_of_webassembly_counts_the_instructions_of_a_step(tmp_path: Pa
 def unicorn(image: Image) -> Iterator[Any]:
     machine = ready("cortex-m0")[0].emulator.load(image)
     yield machine
+    machine.close()
     machine.close()
 
 
