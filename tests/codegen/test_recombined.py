@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -61,6 +62,12 @@ def test_of_several_sums_each_is_followed() -> None:
     )
     made = Controller((Input(limit=255), Input(limit=255)), nodes, tuple(Signal(2 + i) for i in range(4)), 8)
     assert recombined(made, intervals(made).nodes) == Recombined(frozenset({1}), frozenset())
+
+
+@pytest.mark.parametrize(("limit", "found"), [(16384, {1}), (16385, set())])
+def test_a_sum_that_is_clipped_is_no_longer_linear(limit: int, found: set[int]) -> None:
+    made = replace(two_outputs(*MEETING["a shifted link"]), inputs=(Input(limit=16383), Input(limit=limit)))
+    assert recombined(made, intervals(made).nodes) == Recombined(frozenset(), frozenset(found))
 
 
 MEETING = {

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Where sums may be as narrow as an int of 16 bits."""
 
+import re
+
 import pytest
 
+from bitneat.codegen import generate
 from bitneat.codegen.interpreter import fits_unsigned
 from bitneat.controller import Controller, Input, Link, Node, Signal
 
@@ -33,6 +36,7 @@ def test_sums_fit_sixteen_bits_up_to_the_last_that_does(
     controller = Controller(inputs, nodes, (Signal(3), Signal(4)), 8).canonical
     assert [node.gain for node in controller.nodes] == [gain, gain]
     assert fits_unsigned(controller, "bytes") is fits
+    assert bool(re.search(r"\bunsigned (sum|n)\d", generate(controller, "legs", "unrolled").source)) is fits
 
 
 @pytest.mark.parametrize(("limit", "fits"), [(2047, True), (2048, False)])

@@ -90,6 +90,8 @@ def test_a_slope_takes_no_more_terms_than_it_needs(slope: Fraction, terms: int) 
     tight = fit(exact, Fraction(501, 1000))
     assert isinstance(tight, IntegerMap)
     assert len(tight.terms) == terms
+    if slope.denominator == 1:
+        assert (tight.pre, tight.post, tight.multiplier) == (0, 0, slope)
 
 
 def test_the_count_of_terms_is_the_least_that_any_multiplier_allows() -> None:

@@ -103,6 +103,7 @@ def changed(old: str, new: str) -> str:
         (changed("[[0, -2], [1023, 2.0]]", "[[5, -2], [5, 2]]"), "inputs[1].points: expected two points"),
         (changed("[[0, -2], [1023, 2.0]]", "[[5, -2], [6, -2]]"), "inputs[1].points: expected two points"),
         (changed("[[0, -2], [1023, 2.0]]", "[[5, -2]]"), "inputs[1].points: expected two points"),
+        (changed("[[0, -2], [1023, 2.0]]", "[[5, -2], [6]]"), "inputs[1].points: expected two points"),
         (changed("[[0, -2], [1023, 2.0]]", "[1, 2]"), "inputs[1].points[0]: expected a list"),
         (changed("tolerance = 0.75", "tolerance = 0.5"), "inputs[1].tolerance: expected more than 0.5"),
         (changed('"speed"', '"2nd"'), "inputs[0].name: '2nd' is no C identifier"),
