@@ -44,7 +44,7 @@ def test_every_kind_gives_the_reference_answers_without_a_warning(
 ) -> None:
     found = subjects()[part::PARTS]
     parity.write_data(found, tmp_path / "data")
-    main = compiled(tmp_path / "main.c", parity.generated_source(found, parity.instances(found, 1)))
+    main = compiled(tmp_path / "main.c", parity.generated_source(found, parity.instances(found)))
     subprocess.run(["gcc", main, *runtime, "-o", tmp_path / "main"], check=True)
     done = subprocess.run([tmp_path / "main", tmp_path / "data"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "")

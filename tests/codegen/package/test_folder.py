@@ -16,6 +16,8 @@ from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
 CONTROLLER = Controller((Input(), Input(0, 500)), (Node((Link(0), Link(1, sign=-1))),), (Signal(2),))
 MANIFEST = json.dumps({"format": "bitneat-package", "kind": "plain", "name": "legs", "files": []})
 
+LONG = MANIFEST + " " * (2**20 - len(MANIFEST) + 1)  # more than is read of one
+
 
 @pytest.fixture(autouse=True)
 def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -50,7 +52,17 @@ def test_an_empty_folder_is_filled_and_nothing_is_left_beside_it(working_folder:
 
 @pytest.mark.parametrize(
     "content",
-    [None, "{}", "[]", "no JSON", '{"format": "bitneat-package"}', "[" * 100_000, MANIFEST.replace("legs", "../legs")],
+    [
+        None,
+        "{}",
+        "[]",
+        "no JSON",
+        '{"format": "bitneat-package"}',
+        "[" * 100_000,
+        MANIFEST.replace("legs", "../legs"),
+        LONG,
+    ],
+    ids=lambda content: None if content is None else content[:40],
 )
 def test_a_folder_that_is_no_package_is_left_alone(
     working_folder: Path, capsys: pytest.CaptureFixture[str], content: str | None

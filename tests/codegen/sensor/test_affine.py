@@ -129,6 +129,15 @@ def test_a_map_that_never_moves_is_told_apart(intercept: int, slope: Fraction) -
     assert active(ExactMap(Fraction(slope), Fraction(intercept), Interval(0, 500), Interval(-2047, 2047))) is None
 
 
+@pytest.mark.parametrize("pre", [0, 1, 2, 5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_comes_before_the_last_clip_is_bounded_by_its_ends(pre: int, sign: int) -> None:
+    terms = (Term(sign, 3), Term(-sign, 0))
+    made = IntegerMap(Interval(-7, 42), Interval(-SUM_LIMIT, SUM_LIMIT), pre, terms, 5, 1, Fraction(1))
+    values = [made(x) for x in range(-7, 43)]
+    assert made.unclipped == Interval(min(values), max(values))
+
+
 def test_what_never_moves_has_no_fit() -> None:
     with pytest.raises(ValueError, match="constant over its domain"):
         fit(ExactMap(Fraction(1), Fraction(100), Interval(0, 9), Interval(-5, 5)), Fraction(1))
