@@ -10,7 +10,17 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bitneat.codegen.sensor.affine import SUM_LIMIT, ExactMap, IntegerMap, NoFit, Term, _centred, active, fit
+from bitneat.codegen.sensor.affine import (
+    SUM_LIMIT,
+    ExactMap,
+    IntegerMap,
+    NoFit,
+    Term,
+    _centred,
+    _signed_powers,
+    active,
+    fit,
+)
 from bitneat.codegen.sensor.plan import plan
 from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
@@ -136,6 +146,24 @@ def test_what_comes_before_the_last_clip_is_bounded_by_its_ends(pre: int, sign: 
     made = IntegerMap(Interval(-7, 42), Interval(-SUM_LIMIT, SUM_LIMIT), pre, terms, 5, 1, Fraction(1))
     values = [made(x) for x in range(-7, 43)]
     assert made.unclipped == Interval(min(values), max(values))
+
+
+@pytest.mark.parametrize(
+    ("target", "count", "found"),
+    [
+        (Fraction(1), 1, {(1,), (2,)}),
+        (Fraction(-1), 1, {(-1,), (-2,)}),
+        (Fraction(3), 1, {(2,), (4,)}),
+        (Fraction(1, 2), 1, {(1,)}),
+        (Fraction(3), 2, {(2, 1), (4, -1), (4, -2)}),
+        (Fraction(0), 1, set()),
+    ],
+)
+def test_sums_of_powers_are_those_next_to_what_is_left(
+    target: Fraction, count: int, found: set[tuple[int, ...]]
+) -> None:
+    sums = _signed_powers(target, count)
+    assert {tuple(term.sign << term.shift for term in terms) for terms in sums} == found
 
 
 def test_what_never_moves_has_no_fit() -> None:
