@@ -13,6 +13,7 @@ import pytest
 from bitneat.champion import Champion
 from bitneat.codegen import STYLES
 from bitneat.controller import Controller, Input, Signal
+from bitneat.errors import BitneatError
 from bitneat.native.compiler import CompilerError, host_compiler
 from bitneat.verify import campaign as under_test
 from bitneat.verify import faults
@@ -178,6 +179,13 @@ def raising(reason: str) -> Callable[..., Any]:
         raise ImplementationError(reason)
 
     return run
+
+
+def test_targets_that_do_not_run_the_file_are_refused_by_its_own_name(tmp_path: Path) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    with pytest.raises(BitneatError, match=rf"no target of these runs {re.escape(str(code.path))} \(style unrolled\)"):
+        verify_fault(whose, code, 3, select(["host-table"]), RECORDED)
 
 
 def test_code_without_a_table_has_faults_in_its_numbers_alone(tmp_path: Path) -> None:

@@ -100,6 +100,8 @@ def test_what_hangs_is_ended_when_it_is_no_longer_wanted(tmp_path: Path) -> None
     running._requests.flush()
     running.close()
     assert running._process.returncode == -signal.SIGKILL
+    assert running._requests.closed
+    assert running._answers.closed
 
 
 def test_what_ended_by_itself_is_said(tmp_path: Path) -> None:

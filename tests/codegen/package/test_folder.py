@@ -140,6 +140,17 @@ def test_a_link_in_a_package_leads_nowhere(working_folder: Path, capsys: pytest.
     assert snapshot(working_folder) == before
 
 
+def test_a_new_folder_is_on_the_disk_before_the_command_ends(
+    working_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = []
+    monkeypatch.setattr(
+        "bitneat.codegen.package.folder.sync_folder", lambda path: there.append((path, (path / "legs").is_dir()))
+    )
+    assert command("-o", "legs", "--package", "plain") == 0
+    assert there == [(working_folder, True)]
+
+
 def test_a_new_folder_that_cannot_be_finished_does_not_appear(
     working_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """What an expression of C that clips is made of."""
 
+import random
 from dataclasses import replace
 from fractions import Fraction
 
@@ -8,7 +9,7 @@ import pytest
 
 from bitneat.codegen import generate
 from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, Term, fit
-from bitneat.codegen.sensor.emit import _Emitter, _member, formula, sensor_files
+from bitneat.codegen.sensor.emit import _arguments, _Emitter, _member, formula, sensor_files
 from bitneat.codegen.sensor.plan import Channel, plan
 from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
@@ -79,3 +80,14 @@ def test_where_nothing_can_be_exceeded_nothing_is_clipped() -> None:
     assert "at_least" not in text
     assert "at_most" not in text
     assert "_mask" not in text
+
+
+def test_a_self_test_asks_at_both_ends_and_every_second_time_where_the_map_moves() -> None:
+    exact = ExactMap(Fraction(100), Fraction(0), Interval(-(2**20), 2**20), Interval(-1000, 1000))
+    channels = [(exact.domain, exact), (Interval(50, 60), exact)]  # what comes in there never moves the second
+    rng = random.Random(1)
+    rows = [_arguments(channels, step, rng) for step in range(60)]
+    assert rows[:2] == [[-(2**20), 50], [2**20, 60]]
+    assert all(abs(row[0]) <= 11 for row in rows[3::2])
+    assert sum(abs(row[0]) > 1000 for row in rows[2::2]) > 25
+    assert all(50 <= row[1] <= 60 for row in rows)
