@@ -3,6 +3,8 @@ import json
 import random
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -11,7 +13,7 @@ from bitneat.cli.main import main
 from bitneat.controller.packing import ENCODINGS, pack
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.implementation import ImplementationError
-from bitneat.verify.size import packed_bits
+from bitneat.verify.size import SizeReport, packed_bits
 from bitneat.verify.targets import TARGETS, select
 from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.emulated import EmulatedC
@@ -102,6 +104,18 @@ def test_a_style_that_does_not_fit_or_crashes_is_not_counted(
     said = capsys.readouterr().err
     assert "cortex-m0 unrolled (controller_step): crashed (UC_ERR)" in said
     assert len(said.strip().splitlines()) == 1
+
+
+def test_of_equally_small_styles_the_first_is_named() -> None:
+    def entry(style: str, flash: int) -> Any:
+        report = SimpleNamespace(name="cortex-m0", style=style, examination=SimpleNamespace(flash=flash))
+        return SimpleNamespace(report=report)
+
+    def smallest(*entries: Any) -> dict[str, str]:
+        return SizeReport(plain_champion().controller, (), entries).smallest  # type: ignore[return-value]
+
+    assert smallest(entry("unrolled", 100), entry("table", 100)) == {"cortex-m0": "unrolled"}
+    assert smallest(entry("unrolled", 100), entry("table", 99)) == {"cortex-m0": "table"}
 
 
 def test_nothing_is_run_unless_targets_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

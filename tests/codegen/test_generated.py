@@ -13,7 +13,7 @@ import pytest
 
 from bitneat.codegen import CNameError, CodegenError, GeneratedC, check_name, code_bytes, generate, selftest
 from bitneat.codegen.generate import table_encodings
-from bitneat.codegen.names import check_member_name
+from bitneat.codegen.names import check_file_stem, check_member_name
 from bitneat.codegen.runtime import interpreter, known_answers
 from bitneat.controller import BoxAction, Constant, Controller, DiscreteAction, Input, Link, Node, Signal
 from bitneat.native.compiler import Compiler, CompilerError, host_compiler, identify, zig_compiler
@@ -216,6 +216,14 @@ def test_a_choice_that_32_bits_cannot_name_is_refused(start: int) -> None:
 def test_shifts_leave_the_dense_encodings_out_of_the_choice() -> None:
     shifted = Controller((Input(0, 9),), (Node((Link(0, shift=1),)),), (Signal(1),))
     assert set(table_encodings(shifted.canonical)) <= {"bytes", "rice"}
+
+
+def test_of_a_long_stem_fifty_characters_are_shown() -> None:
+    assert check_file_stem("w" * 200, "-o") == "w" * 200
+    with pytest.raises(CNameError, match=rf"^-o: '{'!' * 50}' cannot name C files"):
+        check_file_stem("!" * 50, "-o")
+    with pytest.raises(CNameError, match=rf"^-o: \"'{'!' * 50}'\" cannot name C files"):
+        check_file_stem("!" * 51, "-o")
 
 
 def test_a_table_shifts_by_a_field_only_where_gains_differ() -> None:

@@ -45,3 +45,16 @@ def test_sums_that_are_shifted_to_the_highest_gain_fit_sixteen_bits(limit: int, 
     controller = Controller((Input(0, limit), Input(0, limit)), nodes, (Signal(2), Signal(3)), 8).canonical
     assert [node.gain for node in controller.nodes] == [-3, 0]
     assert fits_unsigned(controller, "bytes") is fits
+
+
+def test_only_records_without_constants_of_their_own_are_summed_in_sixteen_bits() -> None:
+    def made(bias: int = 0, activation: str = "clamped") -> Controller:
+        nodes = (Node((Link(0), Link(1)), bias, 0, activation), Node((Link(2), Link(0, sign=-1)), 0, 0, "clamped"))
+        return Controller((Input(0, 100), Input(0, 100)), nodes, (Signal(3), Signal(2)), 8).canonical
+
+    assert fits_unsigned(made(), "bytes")
+    assert fits_unsigned(made(bias=256), "bytes")
+    assert not fits_unsigned(made(bias=77), "bytes")
+    assert not fits_unsigned(made(activation="relu"), "bytes")
+    for encoding in ("rice", "bitmap", "trits"):
+        assert not fits_unsigned(made(), encoding)

@@ -76,6 +76,15 @@ def test_on_avr_a_shift_by_a_constant_is_no_conditional_branch(code: str, branch
     assert len(found) == branches
 
 
+def test_the_sums_that_were_executed_are_found_once_each() -> None:
+    code = bytes.fromhex("4018 0020 401a 4018")  # adds r0, r0, r1; movs r0, #0; subs r0, r0, r1; adds, not reached
+    found = THUMB.executed_sums(code, 0x100, (0x100, 0x102, 0x104, 0x100))
+    assert [(one.mnemonic, one.address, len(nothing)) for one, nothing in found] == [
+        ("adds", 0x100, 2),
+        ("subs", 0x104, 2),
+    ]
+
+
 _AVR_GROUPS = {
     "lsl": "add",
     "rol": "adc",

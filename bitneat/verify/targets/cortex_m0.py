@@ -51,9 +51,8 @@ def _cycles(one: Instruction) -> tuple[int, int]:
     if mnemonic in _TWO:
         return 2, 2
     if mnemonic in ("push", "pop"):
-        return (4 if "pc" in registers else 1) + _count(one.operands), (4 if "pc" in registers else 1) + _count(
-            one.operands
-        )
+        number = (4 if "pc" in registers else 1) + _count(one.operands)
+        return number, number
     if mnemonic in ("ldm", "stm", "ldmia", "stmia"):
         number = _count(one.operands[one.operands.index("{") :])
         return 1 + number, 1 + number

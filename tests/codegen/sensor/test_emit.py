@@ -2,6 +2,7 @@
 """What an expression of C that clips is made of."""
 
 import random
+import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -76,10 +77,16 @@ def test_where_nothing_can_be_exceeded_nothing_is_clipped() -> None:
     counts = MappedInput("cell", Interval(0, 65535), Fraction(1, 2**15), Fraction(0), Fraction(1))
     motor = MappedOutput("motor", (Fraction(-1), Fraction(1)), (-30000, 30000), Fraction(100))
     sensors = plan(controller, action, SensorMap("map.toml", (counts,), (motor,)))
-    text = sensor_files(generate(controller, "legs", "unrolled"), controller, sensors).source
-    assert "at_least" not in text
-    assert "at_most" not in text
-    assert "_mask" not in text
+    files = sensor_files(generate(controller, "legs", "unrolled"), controller, sensors)
+    assert "at_least" not in files.source
+    assert "at_most" not in files.source
+    assert "_mask" not in files.source
+    # 32767 >> 7 is less than One, so the self-test does not ask for what comes at One.
+    assert (sensors.outputs[0].takes, sensors.outputs[0].exact.domain) == (Interval(-256, 255), Interval(-256, 256))
+    signals = re.search(r"legs_test_signals\[[^{]*\{([^;]*)\};", files.selftest)
+    assert signals is not None
+    numbers = [int(number) for number in re.findall(r"-?\d+", signals[1])]
+    assert (min(numbers), max(numbers)) == (-256, 255)
 
 
 def test_a_self_test_asks_at_both_ends_and_every_second_time_where_the_map_moves() -> None:
