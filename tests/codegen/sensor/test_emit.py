@@ -98,3 +98,21 @@ def test_a_self_test_asks_at_both_ends_and_every_second_time_where_the_map_moves
     assert all(abs(row[0]) <= 11 for row in rows[3::2])
     assert sum(abs(row[0]) > 1000 for row in rows[2::2]) > 25
     assert all(50 <= row[1] <= 60 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("terms", "texts", "helpers"),
+    [
+        ((Term(1, 3),), ["+= q << 3"], set()),
+        ((Term(1, 0),), ["+= q"], set()),
+        ((Term(-1, 3),), ["-= legs_opaque(q << 3)"], {"opaque"}),
+        ((Term(1, 3), Term(-1, 0)), ["+= legs_opaque(q << 3)", "-= q"], {"opaque"}),
+    ],
+)
+def test_a_shift_is_hidden_where_a_compiler_could_multiply(
+    terms: tuple[Term, ...], texts: list[str], helpers: set[str]
+) -> None:
+    emitter = _Emitter("legs")
+    made = IntegerMap(Interval(0, 9), Interval(-500, 500), 0, terms, 0, 0, Fraction(1))
+    assert [emitter.term(made, index) for index in range(len(terms))] == texts
+    assert emitter.helpers == helpers

@@ -88,6 +88,7 @@ def avr(tmp_path_factory: pytest.TempPathFactory) -> Any:
     machine = target.emulator.load(image, traced_steps=1)
     yield SimpleNamespace(machine=machine, image=image)
     machine.close()
+    assert machine._machine is None
     machine.close()  # nothing is left to be freed
 
 
@@ -126,6 +127,7 @@ def unicorn(image: Image) -> Iterator[Any]:
     machine = ready("cortex-m0")[0].emulator.load(image)
     yield machine
     machine.close()
+    assert machine._engine is None
     machine.close()
 
 
