@@ -233,6 +233,9 @@ def test_a_table_shifts_by_a_field_only_where_gains_differ() -> None:
         text = generate(controller, "legs", "table", encoding="bytes").source
         assert ("floor_shift_by_sign" in text) == shifts
         assert ("fields" in text) == shifts
+    nodes = tuple(Node((Link(0), Link(1, sign=-1)), 0, gain, "clamped") for gain in (0, 2))
+    up = Controller((Input(0, 900), Input(0, 700)), nodes, (Signal(2), Signal(3)))
+    assert "floor_shift_by_sign" not in generate(up, "legs", "table", encoding="bytes").source  # none is shifted down
 
 
 def test_files_are_written_whole_under_the_name_that_the_source_includes(tmp_path: Path) -> None:

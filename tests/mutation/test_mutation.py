@@ -16,7 +16,7 @@ from tests.mutation.run_c import Judge, all_mutants
 from tests.mutation.survivors import arguments_of
 
 ROOT = Path(__file__).resolve().parents[2]
-CORE = [*(ROOT / "bitneat" / "controller").rglob("*.py"), *(ROOT / "bitneat" / "codegen").rglob("*.py")]
+CORE = [path for part in ("controller", "codegen", "verify") for path in (ROOT / "bitneat" / part).rglob("*.py")]
 
 PYTHON = """
 LIMIT = 4

@@ -101,6 +101,7 @@ def test_renewing_removes_what_is_no_longer_made_and_keeps_the_users_own(working
     (working_folder / "legs" / "src" / "mine.c").write_text("int mine;\n")
     (working_folder / "legs" / "README.md").write_text("an old one\n")
     assert (working_folder / "legs" / "src" / "legs_sensors.c").is_file()
+    (working_folder / "legs" / "src" / "legs_sensors.h").unlink()  # what is not there need not be removed
     assert command("-o", "legs", "--package", "plain") == 0
     names = {path.name for path in (working_folder / "legs" / "src").iterdir()}
     assert names == {"legs.c", "legs.h", "legs_selftest.c", "legs_selftest.h", "mine.c"}
