@@ -81,8 +81,16 @@ INSTRUCTIONS = [
     "430000803f",  # f32.const
     "44000000000000f03f",  # f64.const
     "fc00",  # i32.trunc_sat_f32_s
+    "fc080100",  # memory.init
+    "fc0901",  # data.drop
     "fc0a0000",  # memory.copy
     "fc0b00",  # memory.fill
+    "fc0c0100",  # table.init
+    "fc0d01",  # elem.drop
+    "fc0e0001",  # table.copy
+    "fc0f01",  # table.grow
+    "fc1001",  # table.size
+    "fc1101",  # table.fill
     "6c",  # i32.mul
     "0b",  # end
 ]
