@@ -67,9 +67,25 @@ def test_the_end_of_requests_is_the_end() -> None:
     assert answers(REQUEST.pack(RESET, 0)[:2]) == b""
 
 
-def test_time_runs_only_while_code_under_test_does() -> None:
-    answers(REQUEST.pack(STEPS, 1) + struct.pack("=hh", 1, 1))
+def test_time_runs_only_while_code_under_test_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    left = []
+
+    class Watched(Adder):
+        def step(self, inputs: bytes) -> bytes:
+            left.append(signal.getitimer(signal.ITIMER_REAL)[0])
+            return super().step(inputs)
+
+        def decide(self, outputs: bytes) -> int:
+            left.append(signal.getitimer(signal.ITIMER_REAL)[0])
+            return super().decide(outputs)
+
+    monkeypatch.setattr(sys.modules[__name__], "Adder", Watched)
+    answers(
+        REQUEST.pack(STEPS, 1) + struct.pack("=hh", 1, 1) + REQUEST.pack(DECISIONS, 1) + struct.pack("=3h", 1, 2, 3)
+    )
     assert signal.alarm(0) == 0
+    assert len(left) == 2
+    assert all(4 < seconds <= 5 for seconds in left)
 
 
 def run_main(

@@ -16,6 +16,8 @@ def test_vectors_stay_in_the_domain_and_reach_its_ends() -> None:
     assert vectors[2].tolist() == [0, 0, 0]
     for value in (0, 1, -1, 255, 256, 257, -300, 300):
         assert value in vectors[:, 1]
+    # Both ends alike.
+    assert abs((vectors[:, 0] == 1).sum() - (vectors[:, 0] == -1).sum()) < 250
     # Every magnitude has its share.
     assert (np.abs(vectors[:, 2].astype(int)) < 16).sum() > 200
     assert (np.abs(vectors[:, 2].astype(int)) > 16000).sum() > 500

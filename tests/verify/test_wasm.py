@@ -71,7 +71,13 @@ INSTRUCTIONS = [
     "0340",  # loop
     "0440",  # if
     "05",  # else
+    "0c00",  # br
     "0d00",  # br_if
+    "1000",  # call
+    "3f00",  # memory.size
+    "4000",  # memory.grow
+    "420a",  # i64.const
+    "d200",  # ref.func
     "0e02000100",  # br_table of two labels and a default
     "110000",  # call_indirect
     "1c017f",  # select with a type

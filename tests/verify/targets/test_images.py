@@ -149,3 +149,13 @@ def test_a_package_without_its_library_is_said(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(unicorn_emulator, "import_module", lambda name: empty)
     with pytest.raises(BitneatError, match=r"lib: has no Unicorn library; install unicorn again$"):
         unicorn_emulator._libraries.__wrapped__()
+
+
+def test_a_page_that_is_not_there_lies_between_data_and_stack(unicorn: Any, image: Image) -> None:
+    struct = unicorn._recorder.struct
+    data_end = image.symbols["bitneat_data_end"]
+    assert data_end + 0x1000 <= struct.stack_begin < data_end + 0x2000
+    assert struct.stack_end - struct.stack_begin == 0x10000
+    unicorn._image.symbols["between"] = struct.stack_begin - 2
+    with pytest.raises(BitneatError, match=r"^unicorn: Invalid memory .*UNMAPPED"):
+        unicorn.write("between", b"12")
