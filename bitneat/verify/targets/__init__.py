@@ -63,4 +63,4 @@ def _ready(target: Target, run: bool) -> ReadyTarget:
     missing = target.missing_to_run() if run else None
     if missing is not None:
         raise BitneatError(f"--targets {target.name}: its tools are missing; install {missing}")
-    return ReadyTarget(target, toolchain, runs=run)
+    return ReadyTarget(target, toolchain, runs=run, asked=True)

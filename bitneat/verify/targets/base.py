@@ -79,5 +79,5 @@ class ReadyTarget:
 
     target: Target
     toolchain: Toolchain
-    runs: bool = True
-    asked: bool = True
+    runs: bool
+    asked: bool

@@ -88,8 +88,6 @@ def avr(tmp_path_factory: pytest.TempPathFactory) -> Any:
     machine = target.emulator.load(image, traced_steps=1)
     yield SimpleNamespace(machine=machine, image=image)
     machine.close()
-    assert machine._machine is None
-    machine.close()  # nothing is left to be freed
 
 
 def test_an_array_ends_with_the_ram_of_the_chip(avr: Any) -> None:
@@ -102,6 +100,17 @@ def test_an_array_ends_with_the_ram_of_the_chip(avr: Any) -> None:
     for size in (room + 1, room + 2, 5000):
         with pytest.raises(BitneatError, match=r"legs\.c: its inputs and outputs do not fit into the RAM$"):
             avr.machine.read("bitneat_inputs", size)
+
+
+def test_a_machine_is_freed_once(avr: Any, image: Image) -> None:
+    for machine, place in (
+        (ready("avr")[0].emulator.load(avr.image), "_machine"),
+        (ready("cortex-m0")[0].emulator.load(image), "_engine"),
+    ):
+        assert getattr(machine, place) is not None
+        for _ in range(2):
+            machine.close()
+            assert getattr(machine, place) is None
 
 
 def test_a_chip_that_simavr_does_not_have_is_said(avr: Any) -> None:
@@ -126,8 +135,6 @@ def test_a_machine_of_webassembly_counts_the_instructions_of_a_step(tmp_path: Pa
 def unicorn(image: Image) -> Iterator[Any]:
     machine = ready("cortex-m0")[0].emulator.load(image)
     yield machine
-    machine.close()
-    assert machine._engine is None
     machine.close()
 
 
