@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cffi
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from bitneat.controller import Reference
 from bitneat.errors import BitneatError
 from bitneat.verify.targets import unicorn_emulator
 from bitneat.verify.targets.image import Image, build_image, require_symbols
+from bitneat.verify.targets.tracing import TRACE_DECLARATIONS, Recorder
 from tests.verify.champions import champion, plain_champion, written
 from tests.verify.targets.test_chips import emulated, ready
 
@@ -166,3 +168,14 @@ def test_a_page_that_is_not_there_lies_between_data_and_stack(unicorn: Any, imag
     unicorn._image.symbols["between"] = struct.stack_begin - 2
     with pytest.raises(BitneatError, match=r"^unicorn: Invalid memory .*UNMAPPED"):
         unicorn.write("between", b"12")
+
+
+@pytest.mark.parametrize(("done", "kept"), [(1, 1), (2, 2), (5, 2)])
+def test_no_more_steps_are_told_than_there_is_room_for(done: int, kept: int) -> None:
+    ffi = cffi.FFI()
+    ffi.cdef(TRACE_DECLARATIONS)
+    recorder = Recorder(ffi, range(0, 100), range(1000, 2000), 2)
+    recorder.struct.num_steps = done
+    recorder.struct.entry_sp, recorder.struct.lowest = 1900, 1880
+    trace = recorder.result(return_bytes=4, has_cycles=False)
+    assert (trace.steps, trace.stack, trace.cycles) == (kept, 24, None)
