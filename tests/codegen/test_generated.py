@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -216,6 +217,23 @@ def test_a_choice_that_32_bits_cannot_name_is_refused(start: int) -> None:
 def test_shifts_leave_the_dense_encodings_out_of_the_choice() -> None:
     shifted = Controller((Input(0, 9),), (Node((Link(0, shift=1),)),), (Signal(1),))
     assert set(table_encodings(shifted.canonical)) <= {"bytes", "rice"}
+
+
+@pytest.mark.parametrize(
+    ("bias", "activation", "start"),
+    [
+        (77, "relu", "UINT32_C(77)"),
+        (-77, "relu", "UINT32_C(0) - UINT32_C(77)"),
+        (0, "relu", "0"),
+        (77, "clamped", "77U"),
+        (-77, "clamped", "0U - 77U"),
+        (0, "clamped", "0"),
+    ],
+)
+def test_a_sum_starts_from_its_bias_in_twos_complement(bias: int, activation: str, start: str) -> None:
+    node = Node((Link(0), Link(1, sign=-1)), bias, 0, activation)
+    source = generate(Controller((Input(0, 900), Input(0, 900)), (node,), (Signal(2),)), "legs", "unrolled").source
+    assert re.findall(r"(?:uint32_t|unsigned) sum0 = (.*);", source) == [start]
 
 
 def test_of_a_long_stem_fifty_characters_are_shown() -> None:
