@@ -199,7 +199,9 @@ def _shares(groups: list[Species], wanted: int, min_size: int) -> list[int]:
     """``wanted`` children split in proportion to adjusted fitness by largest remainders, each at least ``min_size`` if it fits."""
     least = min(min_size, wanted // len(groups))
     spare = wanted - least * len(groups)
-    total = sum(group.adjusted_fitness for group in groups)
+    total = 0.0
+    for group in groups:  # one after the other: Python's sum has another last bit from version 3.12 on
+        total += group.adjusted_fitness
     exact = [spare * (group.adjusted_fitness / total if total > 0 else 1 / len(groups)) for group in groups]
     sizes = [int(share) for share in exact]
     remainders = sorted(range(len(groups)), key=lambda i: (sizes[i] - exact[i], i))
