@@ -153,9 +153,13 @@ class RayEvaluator:
                 for row, episodes in zip(table[chunk.controllers], content, strict=True):
                     row[chunk.seeds] = episodes
         except BaseException:
-            for reference in owners:
+            # Tasks end with the connection, where that is ours. To cancel one that is just ending may end this process: Ray checks
+            # that what completes is still pending.
+            if not self._mine:
                 with contextlib.suppress(Exception):  # the cluster may be what failed
-                    self._ray.cancel(reference)
+                    _, pending = self._ray.wait(list(owners), num_returns=len(owners), timeout=0)
+                    for reference in pending:
+                        self._ray.cancel(reference)
             raise
         return table
 
