@@ -58,13 +58,15 @@ def read_contexts(files: Iterable[Path]) -> dict[str, dict[int, set[str]]]:
     return lines
 
 
-def tests_of(mutant: Mutant, lines: dict[int, set[str]], known: dict[str, float]) -> set[str]:
-    """The tests that execute the mutant's statement; all that execute its file, if it is executed at import."""
+def tests_of(mutant: Mutant, lines: dict[int, set[str]], known: dict[str, float]) -> tuple[set[str], set[str]]:
+    """The tests that execute the mutant's statement; and all others of its file, if it is executed outside of any test.
+
+    That is at import, or in a process that a test starts, which coverage does not know the test of.
+    """
     first, last = mutant.span
     found = set[str]().union(*(lines.get(line, set()) for line in range(first, last + 1)))
-    if "" in found:
-        found = found.union(*lines.values())
-    return found & set(known)
+    others = set[str]().union(*lines.values()) - found if "" in found else set()
+    return found & set(known), others & set(known)
 
 
 def main() -> int:
@@ -98,7 +100,7 @@ def main() -> int:
         copy = Path(folder)
         copy_of_checkout(copy)
         runner = Runner(copy, sorted({test.split("::")[0] for test in durations}))
-        used = set[str]().union(*(tests_of(m, contexts[m.path], durations) for m in todo))
+        used = set[str]().union(*(set[str]().union(*tests_of(m, contexts[m.path], durations)) for m in todo))
         check = runner.run(in_order(used, durations, CHECKED_SECONDS), 60 + 5 * CHECKED_SECONDS)
         if check.outcome != "passed":
             print(f"without a mutant: {check.outcome} {check.test}", file=sys.stderr)
@@ -122,8 +124,9 @@ def judge(
     runner: Runner, mutant: Mutant, source: str, lines: dict[int, set[str]], durations: dict[str, float], most: float
 ) -> dict[str, object]:
     """What the tests say of one mutant."""
-    tests = tests_of(mutant, lines, durations)
+    tests, others = tests_of(mutant, lines, durations)
     ordered = in_order(tests, durations, most)
+    ordered += in_order(others, durations, most - sum(durations[test] for test in ordered))
     first = in_order(ordered, durations, FIRST_SECONDS)[:FIRST_TESTS]
     file = runner.copy / mutant.path
     try:
@@ -141,7 +144,7 @@ def judge(
         "test": verdict.test,
         "seconds": round(verdict.seconds, 2),
         "tests": len(ordered),
-        "left_out": len(tests) - len(ordered),
+        "left_out": len(tests | others) - len(ordered),
     }
 
 
