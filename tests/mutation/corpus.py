@@ -363,6 +363,21 @@ def _without_delays_after_all() -> bytes:
     return writer.to_bytes()
 
 
+def _many_links() -> list[bytes]:
+    """More links into one node than 16 bits count; and after 65,536 the mark of a node that has none."""
+    links = tuple(Link(i, shift=shift) for i in range(8192) for shift in range(8))
+    inputs = tuple(Input(0, 1) for _ in range(8193))
+    many = (*links, Link(8192))
+    good = pack(Controller(inputs, (Node(many, activation="identity"),), (Signal(8193),)), "rice")
+    nodes = (Node(activation="identity"), Node(links, activation="identity"))
+    layout = Layout(Controller(inputs[1:], nodes, (Signal(8193), Signal(8192))))
+    packed = _pack(layout, ENCODINGS["bytes"])
+    mark = packed.data[packed.body_offset : packed.body_offset + layout.record_bytes]
+    last = packed.data[-1]
+    assert last & 0x80
+    return [good, packed.data[:-1] + bytes([last & 0x7F]) + mark]
+
+
 @cache
 def blobs() -> tuple[list[bytes], list[bool | None]]:
     """Blobs of all kinds, and for each whether Python refuses it; None where it only objects to another form of the same."""
@@ -384,7 +399,7 @@ def blobs() -> tuple[list[bytes], list[bool | None]]:
             blob = pack(controller, name)
             number = int.from_bytes(blob, "little")
             found += [(number ^ 1 << bit).to_bytes(len(blob), "little") for bit in range(8 * len(blob))]
-    found += [b"", _without_delays_after_all()]
+    found += [b"", _without_delays_after_all(), *_many_links()]
     refused: list[bool | None] = []
     for blob in found:
         try:
