@@ -37,7 +37,7 @@ class _Form:
 
 
 def recombined(controller: Controller, bounds: Sequence[NodeIntervals]) -> Recombined:
-    """Find them; links of one node that read one signal with several shifts are not among them."""
+    """Find them; a node that reads one signal with several shifts is among them."""
     first = len(controller.inputs)
     forms: dict[int, _Form] = {}
     found: set[tuple[int, bool]] = set()

@@ -316,7 +316,7 @@ class _Unroller:
 
     def node(self, index: int, node: Node, bounds: NodeIntervals) -> UnrolledNode:
         sum_name = f"sum{index}"
-        shifted = self.shifted_sources(index)
+        shifted = index in self.recombined.links
         # What is added goes first: a sum that starts with a subtraction costs a negation.
         terms = tuple(self.term(link, shifted) for link in sorted(node.links, key=lambda link: -link.sign))
         return UnrolledNode(
@@ -327,16 +327,6 @@ class _Unroller:
             terms=terms,
             value=self.response(sum_name, index, bounds),
         )
-
-    def shifted_sources(self, index: int) -> set[tuple[int, int]]:
-        """The sources whose shifts a compiler could make a multiplication of: what is read with several, and see `recombined`."""
-        node = self.controller.nodes[index]
-        if index in self.recombined.links:
-            return {(link.source, link.delay) for link in node.links}
-        seen: dict[tuple[int, int], int] = {}
-        for link in node.links:
-            seen[link.source, link.delay] = seen.get((link.source, link.delay), 0) + 1
-        return {source for source, count in seen.items() if count > 1}
 
     def wrapped(self, value: int) -> str:
         """An integer as a C expression of a sum's type, in two's complement."""
@@ -358,8 +348,8 @@ class _Unroller:
         first_node = len(self.controller.inputs)
         return f"x{link.source}" if link.source < first_node else f"n{link.source - first_node}"
 
-    def term(self, link: Link, shifted: set[tuple[int, int]]) -> str:
-        """One addition: the source, masked by both bits of its 2-bit weight."""
+    def term(self, link: Link, shifted: bool) -> str:
+        """One addition: the source, masked by both bits of its 2-bit weight; ``shifted`` as in `Recombined.links`."""
         at = len(self.codes)
         self.codes.append(1 if link.sign > 0 else 2)
         byte = f"({self.word}){self.prefix}_weights[{at // WEIGHTS_PER_BYTE}]"
@@ -368,7 +358,7 @@ class _Unroller:
         if link.shift:
             x = f"({x} << {link.shift})"
             # A shift that is subtracted is a multiplication by -2^k to some compilers, as a sum of shifts is one by their sum.
-            if (link.source, link.delay) in shifted or link.sign < 0:
+            if shifted or link.sign < 0:
                 self.helpers.add("opaque")
                 x = f"{self.prefix}_opaque{x}"
         return f"({x} & (0U - ({byte} >> {low} & 1U))) - ({x} & (0U - ({byte} >> {low + 1} & 1U)))"

@@ -236,6 +236,22 @@ def test_a_sum_starts_from_its_bias_in_twos_complement(bias: int, activation: st
     assert re.findall(r"(?:uint32_t|unsigned) sum0 = (.*);", source) == [start]
 
 
+@pytest.mark.parametrize(
+    ("links", "hidden"),
+    [
+        ((Link(0, shift=1), Link(1)), 0),
+        ((Link(0), Link(1, shift=2)), 0),
+        ((Link(0), Link(0, shift=1), Link(1, shift=1)), 4),  # all of the node's, each with both signs
+        ((Link(0, shift=3), Link(0, shift=1)), 4),
+        ((Link(0, 1), Link(0, shift=1)), 0),  # of another step
+    ],
+)
+def test_shifts_of_what_is_read_with_several_are_hidden(links: tuple[Link, ...], hidden: int) -> None:
+    made = Controller((Input(0, 90), Input(0, 90)), (Node(links, 0, 0, "clamped"),), (Signal(2),))
+    source = generate(made, "legs", "unrolled").source
+    assert len(re.findall(r"legs_opaque\(\(\w+\)\S+ << \d\)", source)) == hidden
+
+
 def test_of_a_long_stem_fifty_characters_are_shown() -> None:
     assert check_file_stem("w" * 200, "-o") == "w" * 200
     with pytest.raises(CNameError, match=rf"^-o: '{'!' * 50}' cannot name C files"):

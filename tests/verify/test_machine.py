@@ -51,6 +51,27 @@ def test_static_data_and_foreign_functions_are_found_on_any_target(line: str, vi
         assert any(violation in found for found in examine(code, toolchain).violations)
 
 
+@pytest.mark.parametrize(
+    ("text", "violation"),
+    [
+        (
+            "static int twice(int x) { return x + x; }\nstatic int (*pick(void))(int) { return twice; }\n"
+            'int chosen(int x) __attribute__((ifunc("pick")));\n',
+            "chosen runs by itself, expected none",
+        ),
+        (
+            "__attribute__((constructor)) static void early(void) { volatile int x = 1; (void)x; }\n",
+            "runs by itself, expected none",
+        ),
+    ],
+)
+def test_what_a_loader_would_run_is_found(text: str, violation: str, tmp_path: Path) -> None:
+    code = written(plain_champion(), tmp_path)
+    code.path.write_text(code.source + text)
+    found = loading_violations(CFile.read(code.path), host_compiler(), ("-std=gnu99", "-Os", "-ffreestanding"))
+    assert any(violation in one for one in found)
+
+
 def test_position_independent_code_for_another_word_size_is_sound_too(tmp_path: Path) -> None:
     zig = zig_compiler("x86-linux-gnu")
     assert zig is not None

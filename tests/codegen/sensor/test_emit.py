@@ -10,7 +10,7 @@ import pytest
 
 from bitneat.codegen import generate
 from bitneat.codegen.sensor.affine import ExactMap, IntegerMap, Term, fit
-from bitneat.codegen.sensor.emit import _arguments, _Emitter, _member, formula, sensor_files
+from bitneat.codegen.sensor.emit import _arguments, _Emitter, _member, _word, formula, sensor_files
 from bitneat.codegen.sensor.plan import Channel, plan
 from bitneat.codegen.sensor.read import MappedInput, MappedOutput, SensorMap
 from bitneat.controller import BoxAction, Controller, Input, Link, Node, Signal
@@ -116,3 +116,10 @@ def test_a_shift_is_hidden_where_a_compiler_could_multiply(
     made = IntegerMap(Interval(0, 9), Interval(-500, 500), 0, terms, 0, 0, Fraction(1))
     assert [emitter.term(made, index) for index in range(len(terms))] == texts
     assert emitter.helpers == helpers
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0, "UINT32_C(0)"), (7, "UINT32_C(7)"), (-7, "(UINT32_C(0) - UINT32_C(7))")]
+)
+def test_a_constant_is_written_in_twos_complement(value: int, text: str) -> None:
+    assert _word(value) == text

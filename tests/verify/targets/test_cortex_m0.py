@@ -30,6 +30,10 @@ def test_each_costs_what_arms_table_says(code: str, expected: int) -> None:
     assert cycles(bytes.fromhex(code + "7047"), 0, (0, len(code) // 2)) == expected + 3
 
 
+def test_code_may_lie_anywhere() -> None:
+    assert cycles(CODE, 0x800, (0x800, 0x802, 0x804)) == 1 + 1 + 3
+
+
 def test_a_return_by_pop_costs_the_same_wherever_it_leads() -> None:
     assert cycles(bytes.fromhex("10b510bd"), 0, (0, 2)) == 3 + 6
 
