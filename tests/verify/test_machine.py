@@ -61,7 +61,18 @@ def test_static_data_and_foreign_functions_are_found_on_any_target(line: str, vi
         ),
         (
             "__attribute__((constructor)) static void early(void) { volatile int x = 1; (void)x; }\n",
-            "runs by itself, expected none",
+            ".init_array runs by itself, expected none",
+        ),
+        # By hand it need not be in memory that can be written.
+        (
+            "__attribute__((used)) static void early(void) { volatile int x = 1; (void)x; }\n"
+            '__asm__(".section .init_array,\\"a\\",@progbits\\n.quad early\\n.text");\n',
+            ".init_array runs by itself, expected none",
+        ),
+        (
+            "__attribute__((used)) static void late(void) { volatile int x = 1; (void)x; }\n"
+            '__asm__(".section .fini_array.00100,\\"a\\",@progbits\\n.quad late\\n.text");\n',
+            ".fini_array.00100 runs by itself, expected none",
         ),
     ],
 )
