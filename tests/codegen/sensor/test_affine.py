@@ -190,3 +190,13 @@ def test_a_wide_range_that_is_mostly_clipped_is_mapped_where_it_moves() -> None:
     arguments = [*range(-40, 41), -(2**23), 2**23, -(2**31), 2**31 - 1]
     assert max(abs(channel.integer(x) - channel.exact(x)) for x in arguments) <= channel.integer.error <= 1
     assert channel.exact.domain == entry.counts
+
+
+def test_the_bound_counts_what_the_first_shift_drops_and_no_more() -> None:
+    exact = ExactMap(Fraction(1, 8), Fraction(0), Interval(0, 799), Interval(-500, 500))
+    moving = active(exact)
+    assert moving is not None
+    made = _centred(exact, moving, 3, (Term(1, 0),), 0)
+    assert made is not None
+    assert (made.bias, made.error) == (0, Fraction(7, 8))
+    assert distance(exact, made) == Fraction(7, 8)
