@@ -252,6 +252,19 @@ def test_shifts_of_what_is_read_with_several_are_hidden(links: tuple[Link, ...],
     assert len(re.findall(r"legs_opaque\(\(\w+\)\S+ << \d\)", source)) == hidden
 
 
+def test_a_node_is_described_as_a_formula() -> None:
+    node = Node((Link(0, sign=-1), Link(1, sign=-1)), -77, 2, "clamped")
+    text = generate(Controller((Input(0, 9), Input(0, 9)), (node,), (Signal(2),)), "legs", "unrolled").source
+    assert "/* clamped((-x0 - x1 - 77) * 2^2) */" in text
+
+
+@pytest.mark.parametrize(("limit", "clips"), [(16383, False), (16384, True)])
+def test_a_sum_is_clipped_only_where_it_can_be_beyond_a_signal(limit: int, clips: bool) -> None:
+    node = Node((Link(0), Link(1)), 0, 0, "identity")
+    made = Controller((Input(0, limit), Input(0, 16384)), (node,), (Signal(2),))
+    assert ("legs_clip(sum0" in generate(made, "legs", "unrolled").source) == clips
+
+
 def test_of_a_long_stem_fifty_characters_are_shown() -> None:
     assert check_file_stem("w" * 200, "-o") == "w" * 200
     with pytest.raises(CNameError, match=rf"^-o: '{'!' * 50}' cannot name C files"):

@@ -159,6 +159,19 @@ def test_a_long_line_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
         read_sensor_map(path, 3, 1)
 
 
+@pytest.mark.parametrize(("digits", "fits"), [(33, True), (60, True), (61, False)])
+def test_a_number_has_at_most_sixty_digits(tmp_path: Path, digits: int, fits: bool) -> None:
+    number = "0." + "7" * digits
+    path = written(tmp_path, changed("scale = 0.01", f"scale = {number}"))
+    if fits:
+        found = read_sensor_map(path, 3, 1).inputs[1]
+        assert isinstance(found, MappedInput)
+        assert found.scale == Fraction(number)
+    else:
+        with pytest.raises(SensorMapError, match="expected a finite number"):
+            read_sensor_map(path, 3, 1)
+
+
 def test_an_action_that_is_always_the_same_cannot_be_mapped(tmp_path: Path) -> None:
     found = read_sensor_map(written(tmp_path, GOOD), 3, 1)
     one_place = BoxAction((0.5,), (0.5,), (1,), "float32")
