@@ -58,3 +58,11 @@ def test_only_records_without_constants_of_their_own_are_summed_in_sixteen_bits(
     assert not fits_unsigned(made(activation="relu"), "bytes")
     for encoding in ("rice", "bitmap", "trits"):
         assert not fits_unsigned(made(), encoding)
+
+
+def test_sums_that_are_only_shifted_up_need_no_common_shift() -> None:
+    nodes = (Node((Link(0),), 0, 0, "clamped"), Node((Link(1), Link(2, sign=-1)), 0, 2, "clamped"))
+    inputs = (Input(0, 30000), Input(0, 100), Input(0, 100))
+    controller = Controller(inputs, nodes, (Signal(3), Signal(4)), 8).canonical
+    assert [node.gain for node in controller.nodes] == [0, 2]
+    assert fits_unsigned(controller, "bytes")  # although 30000 << 2 would not
