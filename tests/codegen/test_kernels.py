@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bitneat.codegen.kernels import kernel
+from bitneat.codegen.kernels import _sums_of_shifts, kernel
 from bitneat.controller import ACTIVATION_NAMES, Controller, Input, Link, Node, Signal
 from bitneat.controller.activation import Op, Program, Step, evaluate, table
 from tests.compiled import Case, run_compiled
@@ -62,3 +62,14 @@ def test_a_constant_has_no_more_bits_than_the_smallest_f_leaves_room_for(monkeyp
     monkeypatch.setattr("bitneat.codegen.kernels.PROGRAMS", program(9))
     with pytest.raises(ValueError, match=r"^a constant with more bits than F = 4 leaves room for$"):
         kernel("one", "p", None)
+
+
+def test_two_shifts_of_one_value_are_hidden_and_one_is_not() -> None:
+    steps = (
+        Step(Op.SHL, 0, k=1),
+        Step(Op.SHL, 0, k=2),
+        Step(Op.SHL, 1, k=3),
+        Step(Op.SHL, 2, k=1),
+        Step(Op.SHL, 2, k=1),
+    )
+    assert _sums_of_shifts(Program("some", "x", steps)) == {steps[0], steps[1]}

@@ -200,3 +200,11 @@ def test_the_bound_counts_what_the_first_shift_drops_and_no_more() -> None:
     assert made is not None
     assert (made.bias, made.error) == (0, Fraction(7, 8))
     assert distance(exact, made) == Fraction(7, 8)
+
+
+@pytest.mark.parametrize("low", [2**24 - 10, -(2**24)])
+def test_counts_far_from_zero_leave_no_word(low: int) -> None:
+    exact = ExactMap(Fraction(100), Fraction(-100 * low - 500), Interval(low, low + 10), Interval(-32767, 32767))
+    found = fit(exact, Fraction(1))
+    assert isinstance(found, IntegerMap)
+    assert distance(exact, found) <= 1
