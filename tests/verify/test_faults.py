@@ -174,6 +174,19 @@ def test_a_survivor_is_equivalent_as_far_as_can_be_seen_or_crashes_on_others(die
     )
 
 
+def test_a_table_that_codegen_does_not_write_is_caught_where_no_output_shows_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whose = plain_champion()
+    code = written(whose, tmp_path)
+    monkeypatch.setattr(under_test, "plant", lambda code, fault, folder: code)
+    campaign = under_test.Campaign(whose, code, (), host_compiler(), tmp_path)
+    campaign._weights = b"another"
+    result = campaign.judge(5)
+    assert (result.outcome, result.caught) == ("table", True)
+    assert result.detail == "legs.c: its weight table is not the one that codegen writes"
+
+
 def raising(reason: str) -> Callable[..., Any]:
     def run(*arguments: object) -> None:
         raise ImplementationError(reason)

@@ -172,6 +172,11 @@ def test_a_number_has_at_most_sixty_digits(tmp_path: Path, digits: int, fits: bo
             read_sensor_map(path, 3, 1)
 
 
+def test_without_an_action_space_outputs_go_from_minus_one_to_one(tmp_path: Path) -> None:
+    found = read_sensor_map(written(tmp_path, GOOD), 3, 1)
+    assert plan(CONTROLLER, None, found) == plan(CONTROLLER, BoxAction((-1.0,), (1.0,), (1,), "float32"), found)
+
+
 def test_an_action_that_is_always_the_same_cannot_be_mapped(tmp_path: Path) -> None:
     found = read_sensor_map(written(tmp_path, GOOD), 3, 1)
     one_place = BoxAction((0.5,), (0.5,), (1,), "float32")
