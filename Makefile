@@ -52,6 +52,7 @@ CORE := bitneat/controller/*,bitneat/codegen/*,bitneat/verify/*
 
 coverage: $(READY)
 	@tools/install-debian-tools.sh
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,baselines]'
 	@$(BIN)/python -m pytest -n auto -m "not long" --cov --cov-context=test --cov-report= --junitxml=build/tests.xml
 	@$(BIN)/coverage report --fail-under=95
 	@$(BIN)/coverage report --include='$(CORE)' --fail-under=100
