@@ -26,7 +26,7 @@ from bitneat.verify.instructions import InstructionSet
 from bitneat.verify.wasm import MAGIC, WasmObject, read_wasm
 from bitneat.verify.wasm import violations as wasm_violations
 
-_SELF_STARTING = re.compile(r"\.((preinit|init|fini)(_array)?|ctors|dtors|deplibs|linker-options)(\.|$)")
+_SELF_STARTING = re.compile(r"\.((preinit|init|fini)(_array|\d)?|ctors|dtors|deplibs|linker-options)(\.|$)")
 
 # As firmware is compiled: what a hosted system's compiler adds of its own accord would be found and blamed on the code.
 FREESTANDING_FLAGS = (

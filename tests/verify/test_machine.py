@@ -83,6 +83,18 @@ def test_what_a_loader_would_run_is_found(text: str, violation: str, tmp_path: P
     assert any(violation in one for one in found)
 
 
+@pytest.mark.parametrize("name", [".init3", ".fini5", ".init", ".init_array", ".ctors.100"])
+def test_what_a_chip_would_run_by_itself_is_found(name: str, tmp_path: Path) -> None:
+    """avr-libc's start-up code falls through sections named .init0 to .init9."""
+    code = written(plain_champion(), tmp_path)
+    code.path.write_text(
+        code.source + f'__attribute__((section("{name}"), used)) static void early(void) {{ __asm__ volatile (""); }}\n'
+    )
+    (ready,) = select(["avr"])
+    found = examine(CFile.read(code.path), ready.toolchain).violations
+    assert f"{name} runs by itself, expected none" in found
+
+
 def test_position_independent_code_for_another_word_size_is_sound_too(tmp_path: Path) -> None:
     zig = zig_compiler("x86-linux-gnu")
     assert zig is not None
