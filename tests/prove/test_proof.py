@@ -1,59 +1,31 @@
+# SPDX-License-Identifier: MIT
 """Proofs of right binaries, and of binaries with planted faults, which must be refused."""
 
 import csv
-import json
 import random
-import re
-import shutil
-import subprocess
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from bitneat.champion import Champion, load
-from bitneat.cli.main import main
 from bitneat.codegen import STYLES, Style, generate
 from bitneat.controller import Controller, DiscreteAction, Input, Link, Node, Reference, Signal
-from bitneat.controller.interval import Interval, Intervals, intervals
-from bitneat.prove import check, execute, operations, semantics
-from bitneat.prove import proof as proving
+from bitneat.controller.interval import Interval
+from bitneat.prove import execute, operations, semantics
 from bitneat.prove.check import PROCESSORS, prove
 from bitneat.prove.equivalence import Lemmas
-from bitneat.prove.places import one_each
-from bitneat.prove.proof import FunctionProof, prove_function
+from bitneat.prove.proof import prove_function
 from bitneat.prove.subject import Subject
 from bitneat.prove.terms import Atom, Terms
 from bitneat.verify.cfile import CFile
 from bitneat.verify.implementation import HostC, entries
-from bitneat.verify.targets.chips import CHIPS
-from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.vectors import random_vectors
 from tests.prove.campaign import COUNT, EVERYWHERE, TABLE, box_action, case, prove_case
 from tests.prove.faults import FAULTS, Fault
+from tests.prove.proving import CHAMPIONS, compiled, controller_with_state, proof_of
 from tests.verify.champions import champion, plain_champion, written
-
-CHAMPIONS = Path(__file__).parents[2] / "examples" / "champions"
-CHIP = {chip.name: chip for chip in CHIPS}
-
-
-@contextmanager
-def compiled(code: CFile, target: str, level: str = "-Os", entry: str = "step") -> Iterator[EmulatedC]:
-    chip = CHIP[target]
-    toolchain = chip.toolchain()
-    assert toolchain is not None
-    emulated = chip.implementation(code, toolchain, entry, optimization=level)
-    yield emulated
-    emulated.close()
-
-
-def proof_of(whose: Champion, emulated: EmulatedC, target: str, *, paranoid: bool = False) -> FunctionProof:
-    subject = Subject(whose.controller, emulated, PROCESSORS[target], Lemmas(), paranoid=paranoid)
-    return prove_function(subject, emulated.image.entry)
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -65,132 +37,6 @@ def test_a_committed_champion_is_proved(style: Style, target: str, level: str, t
         with compiled(code, target, level, entry) as emulated:
             proof = proof_of(whose, emulated, target)
         assert proof.verdict == "proved", proof.reason
-
-
-def controller_with_state() -> Controller:
-    """A sum that grows, a twin of it, and what both were before: no two of them are ever apart."""
-    return Controller(
-        inputs=(Input(limit=300), Input(limit=32767)),
-        nodes=(
-            Node((Link(0), Link(2, delay=1)), 0, 0, "identity"),
-            Node((Link(0), Link(2, delay=1)), 0, 0, "identity"),
-            Node((Link(2, delay=1), Link(3, delay=1, sign=-1), Link(1)), 5, -2, "sin"),
-            Node((Link(4, delay=1), Link(1, delay=1, shift=2)), 0, 1, "gauss"),
-        ),
-        outputs=(Signal(4), Signal(5), Signal(3)),
-        frac_bits=8,
-    )
-
-
-def controller_with_rare_values() -> Controller:
-    """What it keeps is 0, but for few of the 65,535 inputs or for all: no simulation tells one from the other."""
-    return Controller(
-        inputs=(Input(limit=32767),),
-        nodes=(
-            Node((Link(0),), -(1 << 30), 0, "gauss"),
-            Node((Link(0), Link(2, delay=1), Link(3, delay=1)), -12345, 7, "gauss"),
-            Node((Link(0), Link(3, delay=1)), 6789, 7, "gauss"),
-            Node((Link(1, delay=1), Link(2, delay=1), Link(3, delay=1, sign=-1)), 0, 0, "identity"),
-        ),
-        outputs=(Signal(4),),
-        frac_bits=8,
-    )
-
-
-@pytest.mark.parametrize("style", STYLES)
-def test_places_of_the_state_that_look_alike_are_told_apart(style: Style, tmp_path: Path) -> None:
-    drawn = controller_with_rare_values()
-    code = CFile.write(generate(drawn, "legs", style), tmp_path)
-    report = prove(Champion(drawn, box_action(1), None), [code], targets=["x86-64"], use_cache=False)
-    assert report.passed
-
-
-def test_places_are_guessed_to_keep_signals_in_their_order() -> None:
-    alike = [6, 9, 11, 19]
-    assert one_each([[7], alike, [10], alike, [18], alike, [], alike]) == [7, 9, 10, 11, 18, 19, None, 6]
-    assert one_each([[2, 3, 1], [2, 3, 1]]) == [2, 3]
-    assert one_each([[4], [4], [4]]) == [4, 4, 4]
-
-
-def test_a_wrong_guess_of_what_a_place_keeps_is_given_up_for_another(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    drawn = controller_with_rare_values()
-    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
-    agreeing, given = proving.agreeing, []
-
-    def wrong_at_first(
-        executed: Any, model: Any, samples: Any, candidates: Sequence[Sequence[int]], tried: Sequence[Any]
-    ) -> list[int | None] | None:
-        given.append(samples)
-        return (
-            agreeing(executed, model, samples, candidates, tried) if tried else [found[0] for found in candidates[::-1]]
-        )
-
-    monkeypatch.setattr(proving, "agreeing", wrong_at_first)
-    with compiled(code, "x86-64", "-O2") as emulated:
-        found = proof_of(Champion(drawn, box_action(1), None), emulated, "x86-64")
-    assert found.verdict == "proved", found.reason
-    before, after = given
-    changed = {row for atom in before for row in np.flatnonzero(before[atom] != after[atom])}
-    assert changed == {1}  # to the state in which the wrong guess shows
-
-
-def test_what_was_tried_is_not_guessed_again(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    drawn = controller_with_rare_values()
-    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
-    agreeing, guesses = proving.agreeing, []
-
-    def again(executed: Any, model: Any, samples: Any, candidates: Any, tried: Sequence[Any]) -> Any:
-        first = agreeing(executed, model, samples, candidates, tried)
-        guesses.append((first, agreeing(executed, model, samples, candidates, [*tried, first])))
-        return first
-
-    monkeypatch.setattr(proving, "agreeing", again)
-    with compiled(code, "x86-64", "-O2") as emulated:
-        assert proof_of(Champion(drawn, box_action(1), None), emulated, "x86-64").verdict == "proved"
-    ((first, second),) = guesses
-    assert first is not None
-    assert second != first
-
-
-def test_a_state_by_a_wrong_guess_refutes_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(
-        proving, "agreeing", lambda *arguments: None if arguments[4] else [found[0] for found in arguments[3]]
-    )
-    drawn = controller_with_rare_values()
-    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
-    report = prove(
-        Champion(drawn, box_action(1), None), [code], targets=["x86-64"], optimizations=["-O2"], use_cache=False
-    )
-    step = report.pairs[0].functions[0]
-    assert (step.verdict, step.counterexample) == ("not proved", None)
-    assert step.reason == "output 0: can differ, if the state keeps what it seems to"
-
-
-@pytest.mark.parametrize("style", STYLES)
-def test_states_are_proved_by_induction_from_reset(style: Style, tmp_path: Path) -> None:
-    drawn = controller_with_state()
-    whose = Champion(drawn, box_action(3), None)
-    code = CFile.write(generate(drawn, "legs", style), tmp_path)
-    report = prove(whose, [code], targets=["cortex-m4"], optimizations=["-O2"], use_cache=False)
-    assert [(one.function, one.verdict) for one in report.pairs[0].functions][:2] == [
-        ("legs_step", "proved"),
-        ("legs_reset", "proved"),
-    ]
-    assert report.passed
-
-
-def test_a_reset_that_forgets_something_is_refused(tmp_path: Path) -> None:
-    drawn = controller_with_state()
-    whose = Champion(drawn, box_action(3), None)
-    code = CFile.write(generate(drawn, "legs", "unrolled"), tmp_path)
-    before = code.source.index("_reset(")
-    wrong = code.source[:before] + code.source[before:].replace("= 0;", "= 1;", 1)
-    assert wrong != code.source
-    code.path.write_text(wrong)
-    report = prove(whose, [CFile.read(code.path)], targets=["cortex-m0"], optimizations=["-Os"], use_cache=False)
-    assert {one.function: one.verdict for one in report.pairs[0].functions}["legs_reset"] == "not proved"
 
 
 def test_a_choice_among_actions_is_proved_and_a_wrong_one_is_not(tmp_path: Path) -> None:
@@ -432,178 +278,3 @@ def test_two_solvers_and_every_value_agree_where_they_are_asked_to(tmp_path: Pat
     assert proof.verdict == "proved", proof.reason
     assert proof.effort.solver > 0
     assert proof.effort.exhaustive > 0
-
-
-# The command ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(check, "cache_dir", lambda: tmp_path / "cache")
-    shutil.copy(CHAMPIONS / "tiny.pkl", "champion.pkl")
-    assert main(["codegen", "champion.pkl", "-o", "walker.c", "--style", "unrolled"]) == 0
-    return tmp_path
-
-
-ONE = ["prove", "--targets", "cortex-m4", "--optimize", "2", "--style", "own", "--json", "proof.json"]
-
-
-def test_the_command_proves_and_keeps_what_it_proved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(ONE) == 0
-    assert "PROVED: 1 of 1 binaries" in capsys.readouterr().out
-    data = json.loads((folder / "proof.json").read_text())
-    assert data["verdict"] == "pass"
-    assert data["controller"]["sha256"] == load(folder / "champion.pkl").controller.sha256
-    (pair,) = data["pairs"]
-    assert (pair["target"], pair["optimization"], pair["style"], pair["cached"]) == (
-        "cortex-m4",
-        "-O2",
-        "unrolled",
-        False,
-    )
-    assert main(ONE) == 0
-    assert json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
-    for path in (folder / "cache" / "proofs").iterdir():
-        path.write_text(path.read_text().replace("proved", "prov3d"))
-    assert main(ONE) == 0
-    assert not json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
-
-
-def test_an_edited_file_is_refused_with_inputs_that_show_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(ONE) == 0
-    path = folder / "walker.c"
-    text, edits = re.subn(r"\b256U", "255U", path.read_text(), count=1)
-    assert edits == 1
-    path.write_text(text)
-    assert main(ONE) == 1
-    printed = capsys.readouterr().out
-    assert "NOT PROVED: 0 of 1 binaries" in printed
-    assert "inputs   " in printed
-    data = json.loads((folder / "proof.json").read_text())
-    assert data["verdict"] == "fail"
-    found = data["pairs"][0]["functions"][0]["counterexample"]
-    assert Reference(load(folder / "champion.pkl").controller).step(found["sequence"][-1]) == found["expected"]
-    assert found["found"] != found["expected"]
-
-
-def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
-    chip = CHIP["cortex-m0"]
-    toolchain = chip.toolchain()
-    assert toolchain is not None
-    compiler, flags = toolchain.compiler.command, [*toolchain.flags, "-std=c99", "-O2", "-ffreestanding", "-c"]
-    given = [*ONE[:1], "--targets", "cortex-m0", "--object", "walker.o", "--c", "walker.c"]
-    subprocess.run([*compiler, *flags, "walker.c", "-o", "walker.o"], check=True)
-    assert main(given) == 0
-    (folder / "wrong").mkdir()
-    shutil.copy(folder / "walker.h", folder / "wrong")
-    (folder / "wrong" / "walker.c").write_text((folder / "walker.c").read_text().replace("sum0 += ", "sum0 -= ", 1))
-    subprocess.run([*compiler, *flags, "wrong/walker.c", "-o", "walker.o"], check=True)
-    assert main(given) == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--targets", "avr"], "--targets: avr is none of"),
-        (["--optimize", "9"], "--optimize: '9' is none of"),
-        (["--object", "walker.o"], "name the one target"),
-        (["--object", "none.o", "--targets", "cortex-m0"], "none.o"),
-        (["missing.pkl"], "missing.pkl"),
-    ],
-)
-def test_bad_input_is_one_line(
-    arguments: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    assert main(["prove", *arguments]) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-
-
-def test_a_missing_package_is_named(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(check, "find_spec", lambda name: None if name == "bitwuzla" else name)
-    assert main(["prove"]) == 2
-    assert "prove needs bitwuzla: pip install 'bitneat[prove]'" in capsys.readouterr().err
-
-
-# What the model takes to be true of states --------------------------------------------------------------------------
-
-
-def test_bounds_of_states_that_a_step_can_leave_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = controller_with_state()
-    right = semantics.build(Terms(), drawn, guard=False)
-    narrow = intervals(drawn)
-    wrong = Intervals(tuple(Interval(-1, 1) for _ in narrow.signals), narrow.nodes)
-    monkeypatch.setattr(semantics, "intervals", lambda controller: wrong)
-    model = semantics.build(Terms(), drawn, guard=False)
-    assert [(atom.low, atom.high) for atom in model.free] != [(-1, 1)] * len(model.free)
-    for before, after in zip(model.free, right.free, strict=True):
-        assert before.low <= after.low <= after.high <= before.high
-
-
-@pytest.mark.parametrize("value", [0, 5])
-def test_a_constant_that_a_step_changes_is_not_believed(value: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = controller_with_state()
-    found = intervals(drawn)
-    for signal in range(2, drawn.num_signals):
-        bounds = [*found.signals]
-        bounds[signal] = Interval(value, value)
-        monkeypatch.setattr(semantics, "intervals", lambda _, b=bounds: Intervals(tuple(b), found.nodes))
-        model = semantics.build(Terms(), drawn, guard=False)
-        assert not model.constant
-        assert not model.previous[signal].is_const
-
-
-def test_a_constant_that_a_step_can_leave_for_what_it_was_at_reset_is_not_believed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    nodes = (Node((Link(0),), 0, 0, "step"), Node((Link(1, delay=1), Link(0)), 0, 0, "identity"))
-    drawn = Controller((Input(limit=9),), nodes, (Signal(2),), 8)
-    found = intervals(drawn)
-    wrong = Intervals((found.signals[0], Interval(256, 256), found.signals[2]), found.nodes)
-    monkeypatch.setattr(semantics, "intervals", lambda _: wrong)
-    model = semantics.build(Terms(), drawn, guard=False)
-    assert found.signals[1] == (0, 256)
-    assert not model.constant
-    assert "started" not in [atom.name for atom in model.free]
-
-
-def test_what_is_the_same_after_every_step_is_one_unknown_before_it() -> None:
-    nodes = (
-        Node((Link(0),), 1 << 20, 0, "clamped"),
-        Node((Link(0, sign=-1),), -(1 << 20), 0, "clamped"),
-        Node((Link(0),), -(1 << 20), 0, "relu"),
-        Node((Link(1, delay=1), Link(2, delay=1), Link(3, delay=1), Link(0)), 0, 0, "identity"),
-    )
-    drawn = Controller((Input(limit=9),), nodes, (Signal(4),), 8)
-    terms = Terms()
-    model = semantics.build(terms, drawn, guard=False)
-    assert model.constant == {1: 256, 2: -256, 3: 0}
-    assert model.previous[3] is terms.const(32, 0)
-    assert model.previous[1] is terms.neg(model.previous[2])
-    assert [(atom.name, atom.low, atom.high) for atom in model.free if atom.name == "started"] == [("started", 0, 1)]
-    assert model.outputs[0] is terms.var(model.inputs[0], 32)  # the two cancel
-
-
-def test_nodes_that_only_seemed_equal_are_told_apart_before_anything_is_believed(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    nodes = tuple(Node((Link(i), Link(2 + i, delay=1)), 0, 0, "clamped") for i in range(2))
-    drawn = Controller((Input(limit=9), Input(limit=9)), nodes, (Signal(2), Signal(3)), 8)
-    monkeypatch.setattr(semantics, "_seen_equal", lambda controller: [0, 1, 2, 2])
-    model = semantics.build(Terms(), drawn, guard=False)
-    assert model.previous[2] is not model.previous[3]
-
-
-def test_signals_that_were_equal_by_chance_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn = controller_with_state()
-    right = semantics.build(Terms(), drawn, guard=False)
-    monkeypatch.setattr(semantics, "_seen_equal", lambda controller: [0] * controller.num_signals)
-    model = semantics.build(Terms(), drawn, guard=False)
-    assert len(model.free) == len(right.free)
-    assert model.previous[2] is model.previous[3]
-    assert model.previous[0] is not model.previous[2]

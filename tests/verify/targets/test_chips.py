@@ -19,28 +19,17 @@ from bitneat.verify.cfile import CFile
 from bitneat.verify.check import Settings, verify
 from bitneat.verify.implementation import ImplementationError, entries
 from bitneat.verify.loop import Comparison, Lane
-from bitneat.verify.machine import OBJECT_FLAGS, Toolchain, examine
+from bitneat.verify.machine import OBJECT_FLAGS, examine
 from bitneat.verify.targets import TARGETS, chip, select
-from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.chips import CHIPS
 from bitneat.verify.targets.emulated import EmulatedC
 from bitneat.verify.vectors import random_vectors
 from tests.verify.champions import champion, plain_champion, written
+from tests.verify.targets.chips import BY_NAME, emulated, ready
 
 CHIP_NAMES = [one.name for one in CHIPS]
-BY_NAME = {one.name: one for one in CHIPS}
 STEPS = 40
 CHAMPIONS = Path(__file__).parents[3] / "examples" / "champions"
-
-
-def ready(name: str) -> tuple[Chip, Toolchain]:
-    (one,) = select([name])
-    return BY_NAME[name], one.toolchain
-
-
-def emulated(name: str, code: CFile, entry: str = "step") -> EmulatedC:
-    target, toolchain = ready(name)
-    return target.implementation(code, toolchain, entry)
 
 
 def answers(controller: Controller, inputs: np.ndarray) -> np.ndarray:
@@ -170,7 +159,7 @@ from pathlib import Path
 import numpy as np
 from bitneat.verify.cfile import CFile
 from bitneat.verify.implementation import ImplementationError
-from tests.verify.targets.test_chips import emulated
+from tests.verify.targets.chips import emulated
 one = emulated("wasm32", CFile.read(Path({str(code.path)!r})))
 one.step(np.array([6, 0, 0], dtype=np.int16))
 signal.signal(signal.SIGSEGV, signal.SIG_DFL)

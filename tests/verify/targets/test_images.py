@@ -19,7 +19,7 @@ from bitneat.verify.targets import unicorn_emulator
 from bitneat.verify.targets.image import Image, build_image, require_symbols
 from bitneat.verify.targets.tracing import TRACE_DECLARATIONS, Recorder
 from tests.verify.champions import champion, plain_champion, written
-from tests.verify.targets.test_chips import emulated, ready
+from tests.verify.targets.chips import emulated, ready
 
 
 @pytest.fixture(scope="module")

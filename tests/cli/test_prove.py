@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: MIT
+"""`bitneat prove`: what it says, keeps and refuses."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from bitneat.champion import load
+from bitneat.cli.main import main
+from bitneat.controller import Reference
+from bitneat.prove import check
+from tests.prove.proving import CHAMPIONS, CHIP
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(check, "cache_dir", lambda: tmp_path / "cache")
+    shutil.copy(CHAMPIONS / "tiny.pkl", "champion.pkl")
+    assert main(["codegen", "champion.pkl", "-o", "walker.c", "--style", "unrolled"]) == 0
+    return tmp_path
+
+
+ONE = ["prove", "--targets", "cortex-m4", "--optimize", "2", "--style", "own", "--json", "proof.json"]
+
+
+def test_the_command_proves_and_keeps_what_it_proved(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(ONE) == 0
+    assert "PROVED: 1 of 1 binaries" in capsys.readouterr().out
+    data = json.loads((folder / "proof.json").read_text())
+    assert data["verdict"] == "pass"
+    assert data["controller"]["sha256"] == load(folder / "champion.pkl").controller.sha256
+    (pair,) = data["pairs"]
+    assert (pair["target"], pair["optimization"], pair["style"], pair["cached"]) == (
+        "cortex-m4",
+        "-O2",
+        "unrolled",
+        False,
+    )
+    assert main(ONE) == 0
+    assert json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
+    for path in (folder / "cache" / "proofs").iterdir():
+        path.write_text(path.read_text().replace("proved", "prov3d"))
+    assert main(ONE) == 0
+    assert not json.loads((folder / "proof.json").read_text())["pairs"][0]["cached"]
+
+
+def test_an_edited_file_is_refused_with_inputs_that_show_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(ONE) == 0
+    path = folder / "walker.c"
+    text, edits = re.subn(r"\b256U", "255U", path.read_text(), count=1)
+    assert edits == 1
+    path.write_text(text)
+    assert main(ONE) == 1
+    printed = capsys.readouterr().out
+    assert "NOT PROVED: 0 of 1 binaries" in printed
+    assert "inputs   " in printed
+    data = json.loads((folder / "proof.json").read_text())
+    assert data["verdict"] == "fail"
+    found = data["pairs"][0]["functions"][0]["counterexample"]
+    assert Reference(load(folder / "champion.pkl").controller).step(found["sequence"][-1]) == found["expected"]
+    assert found["found"] != found["expected"]
+
+
+def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
+    chip = CHIP["cortex-m0"]
+    toolchain = chip.toolchain()
+    assert toolchain is not None
+    compiler, flags = toolchain.compiler.command, [*toolchain.flags, "-std=c99", "-O2", "-ffreestanding", "-c"]
+    given = [*ONE[:1], "--targets", "cortex-m0", "--object", "walker.o", "--c", "walker.c"]
+    subprocess.run([*compiler, *flags, "walker.c", "-o", "walker.o"], check=True)
+    assert main(given) == 0
+    (folder / "wrong").mkdir()
+    shutil.copy(folder / "walker.h", folder / "wrong")
+    (folder / "wrong" / "walker.c").write_text((folder / "walker.c").read_text().replace("sum0 += ", "sum0 -= ", 1))
+    subprocess.run([*compiler, *flags, "wrong/walker.c", "-o", "walker.o"], check=True)
+    assert main(given) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--targets", "avr"], "--targets: avr is none of"),
+        (["--optimize", "9"], "--optimize: '9' is none of"),
+        (["--object", "walker.o"], "name the one target"),
+        (["--object", "none.o", "--targets", "cortex-m0"], "none.o"),
+        (["missing.pkl"], "missing.pkl"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert main(["prove", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_missing_package_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(check, "find_spec", lambda name: None if name == "bitwuzla" else name)
+    assert main(["prove"]) == 2
+    assert "prove needs bitwuzla: pip install 'bitneat[prove]'" in capsys.readouterr().err
