@@ -212,7 +212,7 @@ class _Means:
 def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: bool) -> Evolved:
     from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
-    from bitneat.evolve.search import episode_limit
+    from bitneat.evolve.setup import episode_limit
     from bitneat.evolve.simulators import choose, evaluator_for, recheck_for
     from bitneat.sim.environment import inspect
 

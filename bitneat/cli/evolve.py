@@ -153,7 +153,7 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
     from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on, searching
-    from bitneat.evolve.search import episode_limit
+    from bitneat.evolve.setup import episode_limit
     from bitneat.files import sole_user
     from bitneat.sim.environment import inspect
 

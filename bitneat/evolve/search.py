@@ -8,26 +8,25 @@ import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 from neat.population import Population
 
 from bitneat.champion import EnvironmentSpec
-from bitneat.controller import Controller, Input
-from bitneat.controller.ir import MAX_OUTPUTS, MAX_SIGNALS
+from bitneat.controller import Controller
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import SPECIES_SETS, Config
+from bitneat.evolve.config import Config
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.genome import Indexer
-from bitneat.evolve.kinds import Kind, kind_for
+from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.linear import LinearSearch
 from bitneat.evolve.lowering import genome_from_controller
-from bitneat.evolve.plain_reproduction import PlainReproduction, PlainSpeciesSet, PlainStagnation, SoftmaxReproduction
+from bitneat.evolve.plain_reproduction import PlainSpeciesSet
 from bitneat.evolve.randomness import Streams, report_seeds, selection_seeds
-from bitneat.evolve.reproduction import BitReproduction, BitSpeciesSet, NoStagnation, Settings
+from bitneat.evolve.reproduction import BitSpeciesSet
+from bitneat.evolve.setup import episode_limit, inputs_of, neat_config, refuse_too_many
 from bitneat.network import FloatNetwork, Policy, network_from_data
-from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, Shaping, default_inputs
+from bitneat.sim.environment import EnvironmentInfo, EpisodeResult, Shaping
 
 LINEAR_RESOLUTION = 4
 """The linear start ends in ternary controllers with weights in halves to sixteenths."""
@@ -174,8 +173,8 @@ class Search:
         self.spec = spec
         self.info = info
         self.seed = seed
-        _refuse_too_many(spec, info)
-        self.inputs = _inputs(config, info)
+        refuse_too_many(spec, info)
+        self.inputs = inputs_of(config, info)
         self.max_steps = episode_limit(config, spec, info)
         self.streams = Streams(seed)
         self.history: list[Generation] = []
@@ -560,78 +559,6 @@ def _finite(value: Any, name: str) -> Any:
     if type(value) not in (int, float) or not math.isfinite(value):
         raise BitneatError(f"{name}: expected a finite number")
     return value
-
-
-def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) -> int:
-    """The time limit of an episode.
-
-    Raises:
-        BitneatError: if neither the configuration nor the environment has one.
-    """
-    limits = [limit for limit in (config["evolve"]["max_steps"], info.max_steps) if limit]
-    if not limits:
-        raise BitneatError(f"environment {spec.id}: has no time limit; set [evolve] max_steps in the configuration")
-    return int(min(limits))
-
-
-def _refuse_too_many(spec: EnvironmentSpec, info: EnvironmentInfo) -> None:
-    if info.action.num_outputs > MAX_OUTPUTS:
-        raise BitneatError(
-            f"environment {spec.id}: its action needs {info.action.num_outputs} outputs, a controller has at most {MAX_OUTPUTS}"
-        )
-    most = MAX_SIGNALS - info.action.num_outputs
-    if info.num_inputs > most:
-        raise BitneatError(
-            f"environment {spec.id}: its observation has {info.num_inputs} components, a controller reads at most {most} here"
-        )
-
-
-def _inputs(config: Config, info: EnvironmentInfo) -> tuple[Input, ...]:
-    settings = config["evolve"]
-    scales = _spread(settings["input_scales"], info.num_inputs, "input_scales")
-    limits = _spread(settings["input_limits"], info.num_inputs, "input_limits")
-    inputs = default_inputs(info, settings["frac_bits"], scales)
-    if limits is None:
-        return inputs
-    return tuple(Input(entry.scale, limit) for entry, limit in zip(inputs, limits, strict=True))
-
-
-def _spread(values: tuple[int, ...], count: int, key: str) -> tuple[int, ...] | None:
-    """One value for all inputs, or one for each; None if the configuration leaves them to us."""
-    if not values:
-        return None
-    if len(values) not in (1, count):
-        raise BitneatError(f"configuration: [evolve] {key}: expected 1 or {count} integers, got {len(values)}")
-    return values if len(values) == count else values * count
-
-
-def neat_config(config: Config, kind: Kind) -> Any:
-    """What neat-python's classes expect of a configuration; its own reader is not used, see `bitneat.evolve.config`."""
-    reproduction = config["NEAT"]["reproduction"]
-    reproduction_type, species_set_type, stagnation_type = _REPRODUCTIONS[reproduction]
-    return SimpleNamespace(
-        genome_type=kind.genome_type,
-        genome_config=kind.settings,
-        reproduction_type=reproduction_type,
-        reproduction_config=Settings(config[reproduction]),
-        species_set_type=species_set_type,
-        species_set_config=Settings(config[SPECIES_SETS[reproduction]]),
-        stagnation_type=stagnation_type,
-        stagnation_config=Settings(config[reproduction]),
-        pop_size=config["NEAT"]["pop_size"],
-        fitness_criterion="max",
-        fitness_threshold=math.inf,
-        no_fitness_termination=True,
-        reset_on_extinction=False,
-        seed=None,
-    )
-
-
-_REPRODUCTIONS: Mapping[str, tuple[type[Any], type[Any], type[Any]]] = {
-    "BitReproduction": (BitReproduction, BitSpeciesSet, NoStagnation),
-    "PlainReproduction": (PlainReproduction, PlainSpeciesSet, PlainStagnation),
-    "SoftmaxReproduction": (SoftmaxReproduction, PlainSpeciesSet, NoStagnation),
-}
 
 
 def _by_score(entrant: _Entrant) -> tuple[int, float, int, int]:

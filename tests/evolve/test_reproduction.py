@@ -14,7 +14,7 @@ from bitneat.evolve.config import parse
 from bitneat.evolve.genome import BitGenome, genome_to_data
 from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.reproduction import _shares
-from bitneat.evolve.search import neat_config
+from bitneat.evolve.setup import neat_config
 from bitneat.sim.environment import EnvironmentSpec, default_inputs, inspect
 
 

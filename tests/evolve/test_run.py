@@ -25,7 +25,8 @@ from bitneat.evolve.config import parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator
 from bitneat.evolve.progress import PlainProgress
 from bitneat.evolve.run import Outcome, RunFolder, RunSettings, carry_on
-from bitneat.evolve.search import Search, episode_limit
+from bitneat.evolve.search import Search
+from bitneat.evolve.setup import episode_limit
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import EpisodeRunner, inspect
 from tests.sealed import sealed
