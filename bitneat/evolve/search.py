@@ -251,12 +251,13 @@ class Search:
 
     def _advance_linear(self, linear: LinearSearch, evaluator: Evaluator) -> Generation:
         """One generation of the linear start; with its last one the population is made anew from its policy."""
+        generation = self.generation
         row = linear.advance(evaluator)
         policy = linear.ternary(LINEAR_RESOLUTION)
-        self._try(policy, evaluator)
+        self._try(policy, generation, evaluator)
         self.history.append(
             Generation(
-                generation=self.generation - 1,
+                generation=generation,
                 best=row.best,
                 mean=row.median,
                 selection=self.candidates[0].mean,
@@ -272,6 +273,7 @@ class Search:
         if not self.starting:
             with self.streams.neat():
                 self._populate([linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)])
+            self._restarted = self.generation  # patience is for what is bred, which has had no generation yet
         return self.history[-1]
 
     def _populate(self, controllers: Sequence[Controller]) -> bool:
@@ -421,16 +423,16 @@ class Search:
         """Try the generation's best by official reward on the selection seeds, and keep it if it is among the best so far."""
         last = [e for e in ranked if e.stage == ranked[0].stage]
         leader = max(last, key=lambda e: statistics.fmean(episode.reward for episode in e.all_episodes))
-        self._try(leader.controller, evaluator)
+        self._try(leader.controller, self.generation, evaluator)
 
-    def _try(self, policy: Policy, evaluator: Evaluator) -> None:
+    def _try(self, policy: Policy, generation: int, evaluator: Evaluator) -> None:
         """Run a policy on the selection seeds, unless it is a candidate already, and keep the best candidates."""
         if any(c.controller.sha256 == policy.sha256 for c in self.candidates):
             return
         seeds = selection_seeds(self.config["evolve"]["selection_episodes"])
         episodes = evaluator.evaluate([policy], seeds)[0]
         rewards = tuple(episode.reward for episode in episodes)
-        self.candidates.append(Candidate(policy, self.generation, rewards))
+        self.candidates.append(Candidate(policy, generation, rewards))
         self.candidates.sort(key=Candidate.order)
         del self.candidates[2 * self.config["evolve"]["finalists"] :]
 

@@ -109,6 +109,41 @@ def test_without_restart_after_there_is_no_restart() -> None:
         assert before & keys(going)
 
 
+def test_patience_is_for_what_is_bred_after_the_linear_start() -> None:
+    class Fading(Flat):
+        """No candidate is as good as the one before."""
+
+        def evaluate(
+            self, controllers: Sequence[Policy], seeds: Sequence[int], shaping: Shaping | None = None
+        ) -> list[list[EpisodeResult]]:
+            if seeds[0] >= SELECTION:
+                self.constant -= 1.0
+                return [[EpisodeResult(self.constant, self.constant, 5, True, False) for _ in seeds] for _ in controllers]
+            return super().evaluate(controllers, seeds, shaping)
+
+    going, landscape = search(restart_after=3, linear_generations=8, generations=100), Fading()
+    while going.starting:
+        going.advance(landscape)
+    kept = []
+    for _ in range(4):
+        before = keys(going)
+        going.advance(landscape)
+        kept.append(bool(before & keys(going)))
+    assert going.candidates[0].generation == 0
+    assert kept == [True, True, False, True], "a new population after three generations of NEAT, and not before"
+
+
+def test_a_candidate_has_the_number_of_the_generation_that_it_led() -> None:
+    going, landscape = search(linear_generations=3, generations=100), Flat()
+    known: set[str] = set()
+    for _ in range(6):
+        row = going.advance(landscape)
+        new = [candidate for candidate in going.candidates if candidate.controller.sha256 not in known]
+        known.update(candidate.controller.sha256 for candidate in new)
+        assert {candidate.generation for candidate in new} <= {row.generation}
+    assert len(known) >= 4
+
+
 @pytest.mark.parametrize("generation", [1, 2, 3])
 def test_a_run_with_restarts_resumes_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, generation: int
