@@ -6,17 +6,19 @@
     python -m benchmarks.ablation --list
 
 Each run is one of `bitneat evolve` with the entries changed that `VARIANTS` has, in a process with one thread. Runs with the same
-seed share the linear start, where the variant does not change it. Results are kept in docs/search, a file a run, and the table in
-docs/search.md is written anew from those that are there.
+seed share the linear start, where the variant does not change it. Results are kept in docs/search, a file a run; then each champion
+walks 1,000 episodes more, since a hundred leave falls to chance, and the table in docs/search.md is written anew.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -24,15 +26,20 @@ from typing import Any
 from benchmarks.linear_start import linear_start
 from benchmarks.pages import replaced
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import load
-from bitneat.evolve.evaluation import NativeWalkerEvaluator
+from bitneat.evolve.config import load, parse
+from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
+from bitneat.evolve.randomness import report_seeds
 from bitneat.evolve.run import RunSettings
-from bitneat.files import write_atomic
+from bitneat.evolve.search import Score
+from bitneat.files import write_atomic, write_json
+from bitneat.network import Policy
 from bitneat.reproduce.experiments import Job
-from bitneat.reproduce.results import Result, load_all
-from bitneat.reproduce.running import WALKER, configuration
+from bitneat.reproduce.results import Result, load_all, policy_from_data
+from bitneat.reproduce.running import REPORT_EPISODES, WALKER, configuration
 from bitneat.reproduce.schedule import State, elapsed, run_all
+from bitneat.sim.environment import Shaping
 from bitneat.sim.walker.trigonometry import probe_for
+from bitneat.sim.walker.vector import STEP_LIMIT
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "docs" / "search"
@@ -40,16 +47,21 @@ PAGE = ROOT / "docs" / "search.md"
 STEPS = 50_000_000
 SEEDS = (1, 2, 3)
 SOLVED = 300.0
-_MAX_STEPS = 1600
+SCORED = 1000
+"""Episodes that score a champion, after those of its run."""
+_FALL = -100.0
 
 Variant = tuple[str, Mapping[str, Mapping[str, Any]]]
 
 VARIANTS: Mapping[str, Variant] = {
     "all": ("the preset as it is", {}),
     "no-linear-start": ("NEAT from random genomes", {"evolve": {"linear_generations": 0}}),
-    "long-linear-start": ("300 generations of the linear start, not 150", {"evolve": {"linear_generations": 300}}),
+    "long-linear-start": (
+        "300 generations of the linear start, which use up the steps: no NEAT",
+        {"evolve": {"linear_generations": 300}},
+    ),
     "no-race": ("5 episodes for every genome, no race", {"evolve": {"race_episodes": (5,), "race_fractions": (1.0,)}}),
-    "same-seeds": ("the same episodes in every generation", {"evolve": {"new_seeds": 0}}),
+    "same-seeds": ("the same episodes in every generation of NEAT", {"evolve": {"new_seeds": 0}}),
     "no-early-end": ("episodes without progress go on", {"evolve": {"stall_steps": 0}}),
     "free-falls": ("a fall costs nothing in the search", {"evolve": {"fall_value_start": 0.0, "fall_value_end": 0.0}}),
     "finish-bonus": ("a bonus of 100 for the time that is left at the end", {"evolve": {"finish_bonus": 100.0}}),
@@ -72,8 +84,8 @@ VARIANTS: Mapping[str, Variant] = {
     "no-crossover": ("mutation alone", {"BitReproduction": {"crossover": 0.0}}),
     "one-mutation": ("one mutation a child, not 1.5", {"BitGenome": {"mutations": 1.0}}),
     "four-mutations": ("four mutations a child", {"BitGenome": {"mutations": 4.0}}),
-    "no-gain-mutation": ("gains stay as the linear start left them", {"BitGenome": {"mutate_gain": 0.0}}),
-    "clamped-only": ("one activation", {"BitGenome": {"activations": ("clamped",)}}),
+    "no-gain-mutation": ("no gain is changed", {"BitGenome": {"mutate_gain": 0.0}}),
+    "clamped-only": ("one activation for what NEAT adds", {"BitGenome": {"activations": ("clamped",)}}),
     "delays": ("delayed links, which remember", {"BitGenome": {"mutate_delay": 1.0}}),
     "half-population": ("100 genomes, twice the generations", {"NEAT": {"pop_size": 100}}),
     "double-population": ("400 genomes, half the generations", {"NEAT": {"pop_size": 400}}),
@@ -126,14 +138,15 @@ def main() -> int:
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
+    scores = scored(results, FOLDER / "scores.json", NativeWalkerEvaluator(WALKER, STEP_LIMIT, args.workers))
     page = PAGE.read_text(encoding="utf-8")
-    write_atomic(PAGE, replaced(page, "ablation", table(results)).encode())
+    write_atomic(PAGE, replaced(page, "ablation", table(results, scores)).encode())
     return 0
 
 
 def begin(open_jobs: Sequence[Job], folder: Path, workers: int) -> None:
     """Let the runs that have not begun yet go on from the linear start that they share."""
-    evaluator = NativeWalkerEvaluator(WALKER, _MAX_STEPS, workers)
+    evaluator = NativeWalkerEvaluator(WALKER, STEP_LIMIT, workers)
     for job in open_jobs:
         config, run = configuration(job, {}), folder / "runs" / job.name
         if config["evolve"]["linear_generations"] == 0 or (run / "run.json").exists():
@@ -148,33 +161,92 @@ def _command(job: Job) -> str:
     return f"python -m benchmarks.ablation --only {job.name}"
 
 
-def table(results: Mapping[str, Result]) -> str:
-    """A row for each variant that has a result, the best median first; differences are to the preset's median."""
-    runs = {name: [r for r in results.values() if r.system == name] for name in VARIANTS}
-    medians = {name: statistics.median(_means(found)) for name, found in runs.items() if found}
+@dataclass(frozen=True)
+class Walks:
+    """How a champion walks in episodes that came after those of its run."""
+
+    sha256: str
+    """Of the controller."""
+    episodes: int
+    mean: float
+    std: float
+    falls: int
+
+
+def scored(results: Mapping[str, Result], file: Path, evaluator: Evaluator) -> dict[str, Walks]:
+    """How each champion walks, by job; what ``file`` has of the same controllers is not computed again."""
+    known = {name: Walks(**entry) for name, entry in json.loads(file.read_text()).items()} if file.exists() else {}
+    scores = {}
+    for name, result in sorted(results.items()):
+        assert result.policy is not None
+        policy = policy_from_data(result.policy)
+        found = known.get(name)
+        if found is None or (found.sha256, found.episodes) != (policy.sha256, SCORED):
+            found = walks(policy, evaluator)
+        scores[name] = found
+    write_json(file, {name: asdict(entry) for name, entry in scores.items()})
+    return scores
+
+
+def walks(policy: Policy, evaluator: Evaluator) -> Walks:
+    """How a policy walks in the report's episodes after the hundred that a run is scored on."""
+    seeds = report_seeds(REPORT_EPISODES + SCORED)[REPORT_EPISODES:]
+    fallen = Shaping(fall_reward=_FALL, fall_value=_FALL - 1.0)  # tells a fall from an arrival
+    episodes = evaluator.evaluate([policy], seeds, fallen)[0]
+    score = Score.of(episodes)
+    return Walks(policy.sha256, SCORED, score.mean, score.std, sum(one.shaped != one.reward for one in episodes))
+
+
+def table(results: Mapping[str, Result], scores: Mapping[str, Walks]) -> str:
+    """A row for each variant that has a result, the best median first. Differences are to the preset's run with the same seed."""
+    runs = {
+        name: {result.seed: result for result in results.values() if result.system == name and result.job in scores}
+        for name in VARIANTS
+    }
+    means = {name: {seed: scores[run.job].mean for seed, run in found.items()} for name, found in runs.items()}
+    medians = {name: statistics.median(found.values()) for name, found in means.items() if found}
     lines = [
-        "| variant | what is changed | held out, median | each run | against the preset | 300 reached after | packed bytes |",
-        "|---|---|---|---|---|---|---|",
+        "| variant | what is changed | mean, median of the runs | each seed | to the preset with the same seed, median"
+        " | falls in 100 walks | generations of NEAT | 300 on the selection seeds after | packed bytes |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in sorted(medians, key=lambda name: -medians[name]):
-        found = sorted(runs[name], key=lambda run: run.seed)
-        difference = f"{medians[name] - medians['all']:+.1f}" if "all" in medians and name != "all" else ""
-        each = ", ".join(f"{mean:.1f}" for mean in _means(found))
-        size = statistics.median(run.packed_bytes or 0 for run in found)
-        lines.append(
-            f"| `{name}` | {VARIANTS[name][0]} | {medians[name]:.1f} | {each} | {difference} | {_reached(found)} | {size:g} |"
+        found = [runs[name].get(seed) for seed in SEEDS]
+        common = [mean - means["all"][seed] for seed, mean in means[name].items() if seed in means["all"]]
+        difference = f"{statistics.median(common):+.1f}" if common and name != "all" else ""
+        size = statistics.median(run.packed_bytes or 0 for run in found if run is not None)
+        cells = (
+            f"`{name}`",
+            VARIANTS[name][0],
+            f"{medians[name]:.1f}",
+            _each(found, lambda run: f"{scores[run.job].mean:.1f}"),
+            difference,
+            _each(found, lambda run: f"{100 * scores[run.job].falls / scores[run.job].episodes:.1f}"),
+            _each(found, _neat_generations),
+            _each(found, _reached),
+            f"{size:g}",
         )
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
-def _means(runs: Sequence[Result]) -> list[float]:
-    return [float(run.heldout["mean"]) for run in runs]
+def _each(runs: Sequence[Result | None], text: Callable[[Result], str]) -> str:
+    """What there is to say of each run, by seed; nothing for those that are missing at the end."""
+    known = [None if run is None else text(run) for run in runs]
+    while known and known[-1] is None:
+        known.pop()
+    return ", ".join(entry if entry is not None else "?" for entry in known)
 
 
-def _reached(runs: Sequence[Result]) -> str:
-    """Million steps until the best candidate had 300 on the selection seeds, of each run that came so far."""
-    found = [millions for run in runs if (millions := steps_to(run.history, SOLVED)) is not None]
-    return ", ".join(f"{millions / 1e6:.0f} M" for millions in found) or "-"
+def _neat_generations(run: Result) -> str:
+    linear = parse(run.config["text"], run.job)["evolve"]["linear_generations"]
+    return str(max(run.generations - linear, 0))
+
+
+def _reached(run: Result) -> str:
+    """Million steps until the best candidate had 300 on the selection seeds."""
+    millions = steps_to(run.history, SOLVED)
+    return "-" if millions is None else f"{millions / 1e6:.0f} M"
 
 
 def steps_to(history: Mapping[str, Sequence[float]], score: float) -> float | None:

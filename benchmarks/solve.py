@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.pages import replaced
+from bitneat.controller import Controller
 from bitneat.controller.packing import pack
 from bitneat.evolve.config import load
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
@@ -77,6 +78,7 @@ def solve(seed: int, threads: int, limit: float) -> dict[str, Any]:
             solved = trials.passed(leader.controller)
     seconds = time.monotonic() - began
     controller = search.candidates[0].controller
+    assert isinstance(controller, Controller)
     return {
         "seed": seed,
         "threads": threads,

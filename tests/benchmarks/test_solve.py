@@ -58,4 +58,6 @@ def test_the_median_counts_what_was_not_solved_as_longest_and_is_the_higher_of_t
     assert table([run(1, 5.0), run(2, 9.0)]).endswith("Median of the 2 runs, 2 threads: 9.0 minutes.\n")
     one_failed = table([run(1, 5.0), run(2, 30.1, solved=False)])
     assert one_failed.endswith("threads: none: too few runs were solved.\n")
+    few = [run(1, 5.0), run(2, 30.1, solved=False), run(3, 8.0, solved=False)]
+    assert table(few).endswith("none: too few runs were solved.\n")
     assert "| 2 | not in 30.1 | 80 M | 190 | 3 | 301.0 ± 2.0 | 150 |" in one_failed
