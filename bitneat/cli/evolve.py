@@ -279,15 +279,21 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
 
 
 def _as_begun(where: str, config: Config, settings: RunSettings) -> Config:
-    """The new configuration of a run that has begun, with what it must keep: its kinds, and the inputs of what it started from.
+    """The new configuration of a run that has begun, with the inputs of what it started from.
 
     Raises:
-        BitneatError: if it names other kinds.
+        BitneatError: if it names other kinds, or candidates would be scored otherwise.
     """
     for key in ("genome", "reproduction"):
         if config["NEAT"][key] != settings.config["NEAT"][key]:
             raise BitneatError(
                 f"--config {where}: [NEAT] {key}: a run that has begun keeps its {settings.config['NEAT'][key]}"
+            )
+    for key in ("max_steps", "selection_episodes"):
+        before = settings.config["evolve"][key]
+        if config["evolve"][key] != before:
+            raise BitneatError(
+                f"--config {where}: [evolve] {key}: a run that has begun keeps its {before}, with which its candidates were scored"
             )
     if not settings.start:
         return config

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -148,6 +149,22 @@ def test_a_run_can_go_on_under_another_configuration_and_records_both(tiny: str)
     content = Path("run/champion.pkl").read_bytes()
     assert main(["evolve", "--resume", "run", "--workers", "1"]) == 0
     assert Path("run/champion.pkl").read_bytes() == content
+
+
+@pytest.mark.parametrize(("key", "value"), [("max_steps", 60), ("selection_episodes", 2)])
+def test_a_run_goes_on_only_with_the_episodes_that_its_candidates_were_scored_on(
+    tiny: str, key: str, value: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]
+    assert main(["evolve", *common, "--generations", "2", "-o", "run"]) == 0
+    Path("next.ini").write_text(re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", TINY))
+    before = Path("run/run.json").read_bytes()
+    capsys.readouterr()
+    assert main(["evolve", "--resume", "run", "--config", "next.ini", "--generations", "3"]) == 2
+    error = capsys.readouterr().err
+    assert f"--config next.ini: [evolve] {key}: a run that has begun keeps its " in error
+    assert error.count("\n") == 1
+    assert Path("run/run.json").read_bytes() == before
 
 
 @pytest.mark.parametrize("preset", ["paper-int", "paper-wann", "paper-softmax"])
