@@ -166,6 +166,8 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     elif (args.config, args.generations, args.time) != (None, None, None):
         # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
         with sole_user(folder.path):
+            if args.config is not None:
+                _renew_checkpoint(folder, info)
             folder.restore(searching(folder, settings, info), settings.begun_at)
             folder.save_settings(settings)
     if settings.seconds is not None:
@@ -189,6 +191,17 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         if evaluator is not None:
             evaluator.close()
         progress.close()
+
+
+def _renew_checkpoint(folder: RunFolder, info: EnvironmentInfo) -> None:
+    """Write the last checkpoint anew: an old one has numbers for activations, which only its own configuration explains."""
+    from bitneat.evolve.run import searching
+
+    before = folder.settings()
+    if before.config["NEAT"]["genome"] == "PlainGenome" and folder.generations(before.begun_at):
+        search = searching(folder, before, info)
+        folder.restore(search, before.begun_at)
+        folder.save_checkpoint(search)
 
 
 def _evaluator(
@@ -265,10 +278,15 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
         settings = replace(
             settings, config=_as_begun(args.config, load(args.config), settings), earlier=(*settings.earlier, stage)
         )
-    for key in ("linear_generations", "linear_population"):
-        before = (settings.earlier[-1] if settings.earlier else None) and parse(settings.earlier[-1].config, "run.json")
-        if args.config is not None and before and before["evolve"][key] != settings.config["evolve"][key]:
-            raise BitneatError(f"--config {args.config}: [evolve] {key}: a run that has begun keeps its linear start")
+    if args.config is not None:
+        before = parse(settings.earlier[-1].config, "run.json")["evolve"]
+        for key in (
+            ("linear_generations", "linear_population") if before["linear_generations"] else ("linear_generations",)
+        ):
+            if before[key] != settings.config["evolve"][key]:
+                raise BitneatError(
+                    f"--config {args.config}: [evolve] {key}: a run that has begun keeps its linear start"
+                )
     config = _with_generations(settings.config, args.generations)
     done, wanted = folder.generations(settings.begun_at), config["evolve"]["generations"]
     if wanted < done and (args.config, args.generations) != (None, None):
@@ -282,13 +300,16 @@ def _as_begun(where: str, config: Config, settings: RunSettings) -> Config:
     """The new configuration of a run that has begun, with the inputs of what it started from.
 
     Raises:
-        BitneatError: if it names other kinds, or candidates would be scored otherwise.
+        BitneatError: if it names other kinds of genome, reproduction or weights, or candidates would be scored otherwise.
     """
     for key in ("genome", "reproduction"):
         if config["NEAT"][key] != settings.config["NEAT"][key]:
             raise BitneatError(
                 f"--config {where}: [NEAT] {key}: a run that has begun keeps its {settings.config['NEAT'][key]}"
             )
+    weights = settings.config["PlainGenome"]["weights"]
+    if config["NEAT"]["genome"] == "PlainGenome" and config["PlainGenome"]["weights"] != weights:
+        raise BitneatError(f"--config {where}: [PlainGenome] weights: a run that has begun keeps its {weights} weights")
     for key in ("max_steps", "selection_episodes"):
         before = settings.config["evolve"][key]
         if config["evolve"][key] != before:

@@ -152,7 +152,7 @@ class PlainKind:
 
     def to_data(self, genome: PlainGenome) -> list[Any]:
         """The genome as plain data."""
-        return plain_to_data(genome, self._activations)
+        return plain_to_data(genome)
 
     def from_data(self, data: list[Any]) -> PlainGenome:
         """Read what `to_data` wrote."""

@@ -16,6 +16,7 @@ from neat.attributes import BaseAttribute, BoolAttribute, FloatAttribute, String
 from neat.genes import BaseGene, DefaultConnectionGene
 from neat.genome import DefaultGenome, DefaultGenomeConfig
 
+from bitneat.controller import ACTIVATION_NAMES
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import Indexer
 
@@ -200,31 +201,45 @@ class PlainGenome(DefaultGenome):  # type: ignore[misc]
                     link.weight = 1
 
 
-def plain_to_data(genome: PlainGenome, activations: Sequence[str]) -> list[Any]:
+def plain_to_data(genome: PlainGenome) -> list[Any]:
     """The genome as plain data, genes in their order, which later draws depend on."""
     return [
         genome.key,
         genome.fitness,
-        [[node.key, node.bias, activations.index(node.activation)] for node in genome.nodes.values()],
+        [[node.key, node.bias, node.activation] for node in genome.nodes.values()],
         [[*link.key, link.innovation, link.weight, int(link.enabled)] for link in genome.connections.values()],
     ]
 
 
 def plain_from_data(data: list[Any], weights: str, activations: Sequence[str]) -> PlainGenome:
-    """Read what `plain_to_data` wrote."""
+    """Read what `plain_to_data` wrote.
+
+    Checkpoints of before activations were written by name have numbers, which count in ``activations``, the configuration's list.
+
+    Raises:
+        BitneatError: if there is no such activation. Whatever else is wrong raises whatever it may.
+    """
     node_gene, connection_gene = _GENES[weights]
     key, fitness, nodes, links = data
     genome = PlainGenome(key)
     genome.fitness = fitness
     for node_key, bias, activation in nodes:
         node = node_gene(node_key)
-        node.bias, node.activation = bias, activations[activation]
+        node.bias, node.activation = bias, _activation(activation, activations)
         genome.nodes[node_key] = node
     for source, target, innovation, weight, enabled in links:
         link = connection_gene((source, target), innovation=innovation)
         link.weight, link.enabled = weight, bool(enabled)
         genome.connections[link.key] = link
     return genome
+
+
+def _activation(found: Any, activations: Sequence[str]) -> str:
+    if type(found) is int and 0 <= found < len(activations):
+        return activations[found]
+    if found in ACTIVATION_NAMES:
+        return str(found)
+    raise BitneatError(f"activation {found!r:.40}: expected one of {', '.join(ACTIVATION_NAMES)}")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import tests.sim.strange  # noqa: F401 - registers environments
 from bitneat import champion as champions
 from bitneat.cli.main import main
 from bitneat.files import sole_user
-from tests.sealed import resealed
+from tests.sealed import resealed, sealed
 
 TINY = """
 [evolve]
@@ -181,6 +181,55 @@ def test_a_configuration_that_a_run_cannot_go_on_under_changes_nothing(
     assert error.count("\n") == 1
     assert {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()} == before
     assert main(["evolve", "--resume", "run", "--generations", "3", "--workers", "1"]) == 0
+
+
+PLAIN = TINY.replace("[NEAT]", "[NEAT]\ngenome = PlainGenome\nreproduction = PlainReproduction")
+PLAIN += "[PlainGenome]\nweights = {}\nactivations = {}\n"
+
+
+def activations_of(checkpoint: Path) -> list[str]:
+    population = json.loads(checkpoint.read_text())["search"]["population"]
+    return [node[2] for _, _, nodes, _ in population for node in nodes]
+
+
+@pytest.mark.parametrize("old", [False, True])
+def test_genomes_keep_their_activations_under_another_configuration(tiny: str, old: bool) -> None:
+    del tiny
+    listed = "clamped relu sin"
+    Path("plain.ini").write_text(PLAIN.format("ternary", listed))
+    Path("next.ini").write_text(PLAIN.format("ternary", "sin clamped"))
+    common = ["--config", "plain.ini", "--generations", "2", "--workers", "1"]
+    assert main(["evolve", "--env", "CartPole-v1", *common, "-o", "run"]) == 0
+    checkpoint = Path("run/checkpoints/generation-000002.json")
+    before = activations_of(checkpoint)
+    assert {"clamped", "relu"} <= set(before)
+    if old:  # numbers, which the configuration's list explains
+        data = json.loads(checkpoint.read_text())
+        for _, _, nodes, _ in data["search"]["population"]:
+            for node in nodes:
+                node[2] = listed.split().index(node[2])
+        checkpoint.write_text(sealed(data))
+    assert main(["evolve", "--resume", "run", "--config", "next.ini", "--generations", "2", "--workers", "1"]) == 0
+    assert activations_of(checkpoint) == before
+    assert main(["evolve", "--resume", "run", "--generations", "3", "--workers", "1"]) == 0
+
+
+def test_a_run_keeps_its_kind_of_weights(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
+    del tiny
+    Path("plain.ini").write_text(PLAIN.format("float", "clamped sin"))
+    Path("next.ini").write_text(PLAIN.format("integer", "clamped sin"))
+    common = ["--config", "plain.ini", "--generations", "1", "--workers", "1"]
+    assert main(["evolve", "--env", "CartPole-v1", *common, "-o", "run"]) == 0
+    capsys.readouterr()
+    assert main(["evolve", "--resume", "run", "--config", "next.ini", "--generations", "2"]) == 2
+    expected = "bitneat: --config next.ini: [PlainGenome] weights: a run that has begun keeps its float weights\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_a_linear_population_is_free_where_there_is_no_linear_start(tiny: str) -> None:
+    Path("next.ini").write_text(TINY.replace("[evolve]", "[evolve]\nlinear_population = 7"))
+    assert main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "1", "-o", "run"]) == 0
+    assert main(["evolve", "--resume", "run", "--config", "next.ini", "--generations", "2"]) == 0
 
 
 def test_a_run_whose_checkpoint_is_damaged_keeps_its_configuration(

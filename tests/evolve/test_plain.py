@@ -133,11 +133,22 @@ def test_a_child_has_the_structure_of_the_fitter_parent_and_genes_of_both(weight
 def test_a_genome_comes_back_from_plain_data(weights: str) -> None:
     genome = grown(settings(weights), 7)
     genome.fitness = 1.5
-    activations = ("clamped", "identity", "sin", "gauss", "tanh", "sigmoid", "abs", "relu")
-    data = plain_to_data(genome, activations)
-    again = plain_from_data(data, weights, activations)
-    assert plain_to_data(again, activations) == data
+    data = plain_to_data(genome)
+    again = plain_from_data(data, weights, ("sin",))  # whatever the configuration has by now
+    assert plain_to_data(again) == data
     assert list(again.connections) == list(genome.connections)
+
+
+def test_activations_of_an_old_checkpoint_are_numbers_in_the_configurations_list() -> None:
+    data = [1, None, [[0, 0, 1], [1, 0, 0]], []]
+    genome = plain_from_data(data, "ternary", ("sin", "relu"))
+    assert [node.activation for node in genome.nodes.values()] == ["relu", "sin"]
+
+
+@pytest.mark.parametrize("activation", [2, -1, True, 1.0, None, "softmax", [], {}])
+def test_an_activation_that_is_not_there_is_named(activation: object) -> None:
+    with pytest.raises(BitneatError, match=r"activation .*: expected one of identity, "):
+        plain_from_data([1, None, [[0, 0, activation]], []], "ternary", ("sin", "relu"))
 
 
 def test_a_cycle_in_a_damaged_genome_is_found() -> None:
