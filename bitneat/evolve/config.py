@@ -20,6 +20,7 @@ from typing import Any
 
 from bitneat.champion import EnvironmentSpec
 from bitneat.controller import ACTIVATION_NAMES
+from bitneat.controller.digits import LARGEST_SHIFTED_WEIGHT
 from bitneat.controller.ir import FRAC_BITS_RANGE, GAIN_RANGE, SCALE_RANGE, SIGNAL_MAX
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
@@ -423,11 +424,26 @@ def _check_kinds(sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
             f"{where}: [NEAT] reproduction: expected BitReproduction for BitGenome and WeightAgnostic,"
             " PlainReproduction or SoftmaxReproduction for PlainGenome"
         )
-    if not all(weight and weight * 128 == int(weight * 128) for weight in sections["WeightAgnostic"]["shared_weights"]):
-        raise ConfigError(f"{where}: [WeightAgnostic] shared_weights: expected multiples of 1/128, none of them 0")
+    for weight in sections["WeightAgnostic"]["shared_weights"]:
+        if not _can_be_shared(weight):
+            raise ConfigError(
+                f"{where}: [WeightAgnostic] shared_weights: {_shown(weight)}: expected multiples of 1/128, none of them 0, each a power"
+                f" of two times an integer from -{LARGEST_SHIFTED_WEIGHT} to {LARGEST_SHIFTED_WEIGHT}"
+            )
     plain = sections["PlainGenome"]
     if plain["activation_default"] not in (*plain["activations"], "random"):
         raise ConfigError(f"{where}: [PlainGenome] activation_default: expected one of activations, or random")
+
+
+def _can_be_shared(weight: float) -> bool:
+    """Whether a weight is the gain of a node times what shifted links can add up to."""
+    units = weight * 128
+    if not units or units != int(units):
+        return False
+    odd = int(abs(units))
+    while odd % 2 == 0:
+        odd //= 2
+    return odd <= LARGEST_SHIFTED_WEIGHT
 
 
 def _suggestion(key: str, known: Mapping[str, Any]) -> str:

@@ -4,19 +4,21 @@
 from __future__ import annotations
 
 import random
+import re
 
 import numpy as np
 import pytest
 from neat.innovation import InnovationTracker
 from neat.nn import FeedForwardNetwork
 
-from bitneat.controller import Controller, Encoder, Input, Link, Node, Signal
+from bitneat.controller import Controller, Encoder, Input, Link, Node, Reference, Signal
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import ConfigError, parse
 from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.lowering import lower_float, lower_integer, with_shared_weight
 from bitneat.evolve.plain import WEIGHTS, PlainGenome, PlainGenomeConfig, plain_from_data, plain_to_data, wiring
 from bitneat.runtime import RuntimeController
+from tests.evolve.test_lowering import genome_of
 
 INPUTS = (Input(),) * 5
 NUM_OUTPUTS = 3
@@ -190,6 +192,27 @@ def test_a_weight_agnostic_genome_runs_with_each_of_its_weights() -> None:
     assert len({policy.sha256 for policy in tuned}) == len(tuned) == 96
     assert {variant.sha256 for variant in variants} <= {policy.sha256 for policy in tuned}
     assert Encoder(variants[0])  # type: ignore[arg-type]
+
+
+def test_a_shared_weight_is_refused_by_the_configuration_or_is_what_links_have() -> None:
+    genome = genome_of({0: (0, 0, "identity")}, {(-1, 0): 1})
+    refused = []
+    for units in range(-1024, 1025):
+        text = f"[NEAT]\ngenome = WeightAgnostic\n[WeightAgnostic]\nshared_weights = {units / 128!r}\n"
+        try:
+            config = parse(text, "my.ini")
+        except ConfigError as error:
+            message = (
+                rf"my\.ini: \[WeightAgnostic\] shared_weights: {re.escape(f'{units / 128:.20g}')}: .* from -170 to 170"
+            )
+            assert re.fullmatch(message, str(error))
+            refused.append(units)
+            continue
+        (controller,) = kind_for(config, INPUTS[:1], 1).lower(genome)
+        assert isinstance(controller, Controller)
+        assert Reference(controller).step([128]) == [units]
+    assert {0, 257, 385, 1023} <= set(refused)
+    assert all(units == 0 or abs(units) // (units & -units) > 170 for units in refused)
 
 
 @pytest.mark.parametrize(
