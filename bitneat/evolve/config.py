@@ -254,6 +254,9 @@ SCHEMA: Mapping[str, Mapping[str, Entry]] = {
     },
 }
 
+UNWEIGHTED = ("gain_min", "gain_max", "gain_init_min", "gain_init_max", "mutate_gain", "mutate_bias")
+"""Keys of [BitGenome] that are 0 for WeightAgnostic, whatever they say: its topologies have no gains and no biases."""
+
 SPECIES_SETS: Mapping[str, str] = {
     "BitReproduction": "BitSpeciesSet",
     "PlainReproduction": "PlainSpeciesSet",
@@ -400,8 +403,13 @@ def _check_together(sections: Mapping[str, Mapping[str, Any]], where: str) -> No
             raise ConfigError(f"{where}: [BitGenome] {low}: expected at most {high}")
     if genome["gain_init_min"] < genome["gain_min"] or genome["gain_init_max"] > genome["gain_max"]:
         raise ConfigError(f"{where}: [BitGenome] gain_init_min, gain_init_max: expected within gain_min..gain_max")
-    if not any(value for key, value in genome.items() if key.startswith("mutate_")):
-        raise ConfigError(f"{where}: [BitGenome] mutate_*: expected at least one above 0")
+    without_effect = UNWEIGHTED if sections["NEAT"]["genome"] == "WeightAgnostic" else ()
+    mutations = [key for key in genome if key.startswith("mutate_") and key not in without_effect]
+    if not any(genome[key] for key in mutations):
+        raise ConfigError(
+            f"{where}: [BitGenome] mutate_*: expected at least one above 0"
+            + (" besides mutate_gain and mutate_bias, which do nothing for WeightAgnostic" if without_effect else "")
+        )
     if evolve["fall_ramp_end"] < evolve["fall_ramp_start"]:
         raise ConfigError(f"{where}: [evolve] fall_ramp_end: expected at least fall_ramp_start")
     _check_kinds(sections, where)
@@ -427,8 +435,8 @@ def _check_kinds(sections: Mapping[str, Mapping[str, Any]], where: str) -> None:
     for weight in sections["WeightAgnostic"]["shared_weights"]:
         if not _can_be_shared(weight):
             raise ConfigError(
-                f"{where}: [WeightAgnostic] shared_weights: {_shown(weight)}: expected multiples of 1/128, none of them 0, each a power"
-                f" of two times an integer from -{LARGEST_SHIFTED_WEIGHT} to {LARGEST_SHIFTED_WEIGHT}"
+                f"{where}: [WeightAgnostic] shared_weights: {_shown(weight)}: expected multiples of 1/128, none of them 0,"
+                f" each a power of two times an integer from -{LARGEST_SHIFTED_WEIGHT} to {LARGEST_SHIFTED_WEIGHT}"
             )
     plain = sections["PlainGenome"]
     if plain["activation_default"] not in (*plain["activations"], "random"):

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from bitneat.controller import Controller, Input, Link, Node
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config
+from bitneat.evolve.config import UNWEIGHTED, Config
 from bitneat.evolve.genome import BitGenome, BitGenomeConfig, genome_from_data, genome_to_data
 from bitneat.evolve.lowering import lower, lower_float, lower_integer, with_shared_weight
 from bitneat.evolve.plain import PlainGenome, PlainGenomeConfig, plain_from_data, plain_to_data
@@ -91,7 +91,8 @@ class WeightAgnosticKind(BitKind):
     """Topologies whose links all share one weight, tried with several (Gaier and Ha 2019, "Weight Agnostic Neural Networks")."""
 
     def __init__(self, config: Config, inputs: tuple[Input, ...], num_outputs: int) -> None:
-        super().__init__(config, inputs, num_outputs)
+        # A topology has neither: their mutations would make copies of it, and the genetic distance would see what is not there.
+        super().__init__(config.with_values("BitGenome", **dict.fromkeys(UNWEIGHTED, 0)), inputs, num_outputs)
         self._weights = [_units(weight) for weight in config["WeightAgnostic"]["shared_weights"]]
 
     def lower(self, genome: BitGenome) -> tuple[Policy, ...]:

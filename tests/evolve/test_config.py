@@ -67,6 +67,13 @@ def test_presets_are_chosen_by_environment() -> None:
             "[BitGenome]\n" + "\n".join(f"{key} = 0" for key in SCHEMA["BitGenome"] if key.startswith("mutate_")),
             r"mutate_\*: expected at least one",
         ),
+        (
+            "[NEAT]\ngenome = WeightAgnostic\n[BitGenome]\n"
+            + "\n".join(
+                f"{key} = {key == 'mutate_gain':d}" for key in SCHEMA["BitGenome"] if key.startswith("mutate_")
+            ),
+            r"mutate_\*: expected at least one above 0 besides mutate_gain and mutate_bias",
+        ),
         ("[BitReproduction]\nmin_species_size = 9\n[NEAT]\npop_size = 8\n", r"min_species_size: expected at most"),
     ],
 )

@@ -14,11 +14,12 @@ import pytest
 from neat.innovation import InnovationTracker
 
 from bitneat.champion import EnvironmentSpec, FloatChampion, load_any
-from bitneat.controller import Controller
+from bitneat.controller import Controller, Input
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import load, parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator
 from bitneat.evolve.genome import BitGenomeConfig
+from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.linear import LinearSearch
 from bitneat.evolve.lowering import genome_from_controller, lower
 from bitneat.evolve.plain_reproduction import SoftmaxReproduction
@@ -70,6 +71,23 @@ def test_a_stopped_run_of_every_kind_resumes_to_the_same_bytes(
     evolve(stopped, stopped.settings(), new=False)
     for name in ("champion.pkl", "champion.json", "history.csv", "report.json", "checkpoints/generation-000006.json"):
         assert (stopped.path / name).read_bytes() == (whole.path / name).read_bytes(), name
+
+
+def test_weight_agnostic_genomes_have_no_gains_and_biases_to_mutate() -> None:
+    keys = "mutate_gain = 100\nmutate_bias = 100\nmutate_add_link = 1\ngain_min = -3\ngain_init_min = -3\ngain_init_max = 3\n"
+    config = parse(f"[NEAT]\ngenome = WeightAgnostic\n[BitGenome]\n{keys}", "test")
+    kind = kind_for(config, (Input(),) * 4, 2)
+    kind.settings.innovation_tracker = InnovationTracker()
+    random.seed(3)
+    changed = 0
+    for key in range(40):
+        genome = kind.genome_type(key)
+        genome.configure_new(kind.settings)
+        before = [policy.sha256 for policy in kind.lower(genome)]
+        genome.mutate(kind.settings)
+        assert all((node.gain, node.bias) == (0, 0) for node in genome.nodes.values())
+        changed += [policy.sha256 for policy in kind.lower(genome)] != before
+    assert changed > 15  # with those two mutations hardly any
 
 
 def test_a_float_run_leaves_a_float_champion(tmp_path: Path) -> None:
