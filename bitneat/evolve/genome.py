@@ -22,6 +22,7 @@ from neat.genes import BaseGene, DefaultConnectionGene
 from neat.genome import DefaultGenome, DefaultGenomeConfig
 
 from bitneat.controller import ACTIVATION_NAMES
+from bitneat.controller.ir import MAX_SIGNALS
 
 
 class Indexer:
@@ -212,7 +213,7 @@ class BitGenomeConfig(DefaultGenomeConfig):  # type: ignore[misc]
         self.node_indexer = Indexer(num_outputs)
         self.initial_links: float = settings["initial_links"]
         self.mutations: float = settings["mutations"]
-        self.max_nodes: int = settings["max_nodes"]
+        self.max_nodes: int = min(settings["max_nodes"], MAX_SIGNALS - num_inputs)
         self.max_links: int = settings["max_links"]
         self.output_activation: str = settings["output_activation"]
         self.mutation_names: list[str] = list(MUTATIONS)
@@ -234,7 +235,7 @@ class BitGenome(DefaultGenome):  # type: ignore[misc]
     fitness: float | None
 
     def configure_new(self, config: BitGenomeConfig) -> None:
-        """Outputs, the hidden nodes asked for, and about ``initial_links`` random links to each node."""
+        """Outputs, the hidden nodes asked for, and about ``initial_links`` random links to each node, ``max_links`` at most."""
         for key in config.output_keys:
             self._add_node_gene(config, key)
         hidden = [config.get_new_node_key(self.nodes) for _ in range(config.num_hidden)]
@@ -242,7 +243,8 @@ class BitGenome(DefaultGenome):  # type: ignore[misc]
             self._add_node_gene(config, key)
         for key in [*hidden, *config.output_keys]:
             sources = config.input_keys if key in hidden else [*config.input_keys, *hidden]
-            for source in random.sample(sources, min(len(sources), _poisson(config.initial_links))):
+            wanted = min(len(sources), _poisson(config.initial_links))
+            for source in random.sample(sources, min(wanted, config.max_links - len(self.connections))):
                 self._link(config, source, key)
 
     def configure_crossover(self, genome1: BitGenome, genome2: BitGenome, config: BitGenomeConfig) -> None:
@@ -393,12 +395,19 @@ class BitGenome(DefaultGenome):  # type: ignore[misc]
         out = [link for key, link in self.connections.items() if key[0] == node and key[1] != node and link.counts]
         if len(into) * len(out) > 6:
             return False
+        kept = {key for key in self.connections if node not in key}
+        ends = {
+            (first.key[0], second.key[1]): first.weight * second.weight
+            for first in into
+            for second in out
+            if not first.delay and not second.delay
+        }
+        new = {key: weight for key, weight in ends.items() if key not in kept}
+        if len(kept) + len(new) > config.max_links:
+            return False
         self._remove_node(node)
-        for first in into:
-            for second in out:
-                key = (first.key[0], second.key[1])
-                if key not in self.connections and not first.delay and not second.delay:
-                    self._link(config, *key).weight = first.weight * second.weight
+        for key, weight in new.items():
+            self._link(config, *key).weight = weight
         return True
 
     def size(self) -> tuple[int, int]:

@@ -17,8 +17,10 @@ from neat.genes import BaseGene, DefaultConnectionGene
 from neat.genome import DefaultGenome, DefaultGenomeConfig
 
 from bitneat.controller import ACTIVATION_NAMES
+from bitneat.controller.ir import MAX_SIGNALS
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import Indexer
+from bitneat.network import MAX_NODES
 
 WEIGHTS = ("float", "integer", "ternary")
 
@@ -150,6 +152,7 @@ class PlainGenomeConfig(DefaultGenomeConfig):  # type: ignore[misc]
         super().__init__(parameters, "PlainGenome")
         self.node_indexer = Indexer(num_outputs)
         self.weights: str = settings["weights"]
+        self.max_nodes = min(MAX_NODES, MAX_SIGNALS - num_inputs)
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__.copy()
@@ -189,7 +192,12 @@ class PlainGenome(DefaultGenome):  # type: ignore[misc]
         self.nodes = {key: node.copy() for key, node in parent.nodes.items()}
 
     def mutate_add_node(self, config: Any) -> None:
-        """As neat-python's, which gives the new node the bias 0.0, and the link into it the weight 1.0, whatever the genes hold."""
+        """As neat-python's, which gives the new node the bias 0.0, and the link into it the weight 1.0, whatever the genes hold.
+
+        There are no more nodes than controllers and float networks can have.
+        """
+        if len(self.nodes) >= config.max_nodes:
+            return
         before = set(self.nodes)
         super().mutate_add_node(config)
         if config.weights == "float":

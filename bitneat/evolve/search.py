@@ -173,7 +173,7 @@ class Search:
         self.spec = spec
         self.info = info
         self.seed = seed
-        refuse_too_many(spec, info)
+        refuse_too_many(config, spec, info)
         self.inputs = inputs_of(config, info)
         self.max_steps = episode_limit(config, spec, info)
         self.streams = Streams(seed)

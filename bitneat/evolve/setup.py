@@ -31,8 +31,8 @@ def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) 
     return int(min(limits))
 
 
-def refuse_too_many(spec: EnvironmentSpec, info: EnvironmentInfo) -> None:
-    """Say that an environment has more inputs or outputs than a controller can have.
+def refuse_too_many(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) -> None:
+    """Say that an environment has more inputs or outputs than a controller can have, or than genomes may have nodes.
 
     Raises:
         BitneatError: if it has.
@@ -45,6 +45,21 @@ def refuse_too_many(spec: EnvironmentSpec, info: EnvironmentInfo) -> None:
     if info.num_inputs > most:
         raise BitneatError(
             f"environment {spec.id}: its observation has {info.num_inputs} components, a controller reads at most {most} here"
+        )
+    if config["NEAT"]["genome"] == "PlainGenome":
+        return
+    genome = config["BitGenome"]
+    num_hidden = min(genome["max_nodes"], MAX_SIGNALS - info.num_inputs) - info.action.num_outputs
+    if num_hidden < 0:
+        raise BitneatError(
+            f"configuration: [BitGenome] max_nodes = {genome['max_nodes']}:"
+            f" expected at least {info.action.num_outputs}, the outputs of {spec.id}"
+        )
+    if genome["num_hidden"] > num_hidden:
+        raise BitneatError(
+            f"configuration: [BitGenome] num_hidden = {genome['num_hidden']}: expected at most {num_hidden},"
+            f" since {spec.id} has {info.action.num_outputs} outputs and {info.num_inputs} inputs"
+            f" and [BitGenome] max_nodes is {genome['max_nodes']}"
         )
 
 

@@ -10,6 +10,8 @@ from collections import Counter
 import pytest
 from neat.innovation import InnovationTracker
 
+from bitneat.controller import Input
+from bitneat.controller.ir import MAX_SIGNALS
 from bitneat.evolve.config import parse
 from bitneat.evolve.genome import (
     MUTATIONS,
@@ -19,6 +21,7 @@ from bitneat.evolve.genome import (
     genome_to_data,
     same_network,
 )
+from bitneat.evolve.lowering import lower
 
 RICH = """
 [BitGenome]
@@ -138,16 +141,60 @@ def test_a_child_undergoes_the_same_number_of_mutations_whatever_its_size() -> N
     assert 0.5 < sum(differences) / len(differences) < 4
 
 
-def test_limits_on_nodes_and_links_hold() -> None:
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_limits_on_nodes_and_links_hold(name: str) -> None:
     random.seed(6)
     config = make_config(
-        "[BitGenome]\nmax_nodes = 6\nmax_links = 9\nmutate_split = 50\nmutate_path = 50\nmutate_add_link = 50\n"
+        "[BitGenome]\nmax_nodes = 6\nmax_links = 9\nmutate_split = 5\nmutate_path = 5\nmutate_add_link = 5\nmutate_delay = 1\n"
     )
+    full = 0
+    for _ in range(60):
+        genome = make_genome(config)
+        for _ in range(30):
+            genome.mutate(config)
+            assert len(genome.nodes) <= 6
+            assert len(genome.connections) <= 9
+        full += len(genome.nodes) == 6 or len(genome.connections) == 9
+        for _ in range(5):
+            MUTATIONS[name](genome, config)
+            assert len(genome.nodes) <= 6
+            assert len(genome.connections) <= 9
+    assert full > 40
+
+
+def test_a_node_is_not_bypassed_by_more_links_than_there_may_be() -> None:
+    random.seed(7)
+    for limit, done in ((5, False), (6, True)):
+        config = make_config(f"[BitGenome]\nmax_links = {limit}\ninitial_links = 0\n", num_inputs=3, num_outputs=2)
+        genome = make_genome(config)
+        node = genome._new_node(config)
+        for source in config.input_keys:
+            genome._link(config, source, node)
+        for output in config.output_keys:
+            genome._link(config, node, output)
+        assert genome.mutate_bypass_node(config) == done
+        assert len(genome.connections) == (6 if done else 5)
+        assert (node in genome.nodes) == (not done)
+
+
+@pytest.mark.parametrize("limit", [1, 6, 30])
+def test_a_new_genome_has_no_more_links_than_there_may_be(limit: int) -> None:
+    random.seed(8)
+    config = make_config(f"[BitGenome]\nmax_nodes = 24\nmax_links = {limit}\nnum_hidden = 20\ninitial_links = 4\n")
+    for key in range(20):
+        genome = make_genome(config, key)
+        assert len(genome.nodes) == 22
+        assert len(genome.connections) == limit
+
+
+def test_nodes_and_inputs_together_fit_a_controller() -> None:
+    random.seed(9)
+    config = make_config("[BitGenome]\nmutate_split = 50\nmutate_path = 50\n", num_inputs=MAX_SIGNALS - 4)
     genome = make_genome(config)
-    for _ in range(300):
+    for _ in range(20):
         genome.mutate(config)
-        assert len(genome.nodes) <= 6
-        assert len(genome.connections) <= 9
+    assert len(genome.nodes) == 4
+    lower(genome, (Input(),) * (MAX_SIGNALS - 4), 2, 8)
 
 
 def test_a_genome_survives_plain_data() -> None:

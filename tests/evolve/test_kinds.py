@@ -216,6 +216,25 @@ def test_a_damaged_gene_in_a_checkpoint_is_refused(kind: str) -> None:
         other.restore(data)
 
 
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("max_nodes = 2", "max_nodes = 2: expected at least 3, the outputs of Acrobot-v1"),
+        (
+            "max_nodes = 8\nnum_hidden = 6",
+            "num_hidden = 6: expected at most 5, since Acrobot-v1 has 3 outputs and 6 inputs",
+        ),
+    ],
+)
+@pytest.mark.parametrize("genome", ["BitGenome", "WeightAgnostic"])
+def test_more_nodes_at_the_start_than_there_may_be_are_refused(genome: str, keys: str, message: str) -> None:
+    spec = EnvironmentSpec("Acrobot-v1")
+    config = parse(f"[NEAT]\ngenome = {genome}\n[BitGenome]\n{keys}\n", "test")
+    with pytest.raises(BitneatError, match=rf"configuration: \[BitGenome\] {message}"):
+        Search(config, spec, inspect(spec), 1)
+    Search(config.with_values("BitGenome", max_nodes=9), spec, inspect(spec), 1)
+
+
 def test_candidates_are_controllers_or_networks_of_the_environment() -> None:
     settings = settings_of("default")
     info = inspect(settings.environment)

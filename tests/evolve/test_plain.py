@@ -12,6 +12,7 @@ from neat.innovation import InnovationTracker
 from neat.nn import FeedForwardNetwork
 
 from bitneat.controller import Controller, Encoder, Input, Link, Node, Reference, Signal
+from bitneat.controller.ir import MAX_SIGNALS
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import ConfigError, parse
 from bitneat.evolve.kinds import kind_for
@@ -100,6 +101,19 @@ def test_every_gene_of_an_integer_genome_holds_integers(weights: str) -> None:
     assert len(genome.nodes) > NUM_OUTPUTS  # links were split
     assert {type(link.weight) for link in genome.connections.values()} == {int}
     assert {type(node.bias) for node in genome.nodes.values()} == {int}
+
+
+def test_a_plain_genome_has_no_more_nodes_than_a_controller_beside_the_inputs() -> None:
+    inputs = (Input(),) * (MAX_SIGNALS - 5)
+    text = (
+        "[NEAT]\ngenome = PlainGenome\nreproduction = PlainReproduction\n"
+        "[PlainGenome]\nweights = ternary\ninitial_connection = unconnected\nnode_delete_prob = 0\n"
+    )
+    config = PlainGenomeConfig(parse(text, "test")["PlainGenome"], len(inputs), NUM_OUTPUTS)
+    config.innovation_tracker = InnovationTracker()
+    genome = grown(config, 1)
+    assert len(genome.nodes) == 5
+    lower_integer(genome, inputs, NUM_OUTPUTS, 8)
 
 
 def test_weights_that_do_not_mutate_stay_as_they_were() -> None:
