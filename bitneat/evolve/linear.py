@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.digits import signed_powers
-from bitneat.controller.ir import GAIN_RANGE
+from bitneat.controller.ir import ACCUMULATOR_MAX, GAIN_RANGE
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.randomness import SELECTION_START
@@ -135,11 +135,18 @@ class LinearSearch:
         return Shaping(fall_reward=self._fall_reward, fall_value=self._fall_reward if self.falls_count else 0.0)
 
     def shifted(self, weights: Floats | None = None, resolution: int = RESOLUTION) -> Controller:
-        """The policy (the mean of the search if not given) with a link for each signed power of two of a weight; not ternary."""
+        """The policy (the mean of the search if not given) with a link for each signed power of two of a weight; not ternary.
+
+        Weights of so many inputs that their sum could go beyond the accumulator are halved, toward zero, until it cannot.
+        """
         nodes = []
         for row in self._rounded(weights, resolution):
-            links = [Link(i, 0, k, sign) for i, weight in enumerate(row[:-1]) for k, sign in signed_powers(int(weight))]
-            nodes.append(Node(tuple(sorted(links)), int(row[-1]) << self.frac_bits, -resolution, "clamped"))
+            *numbers, constant = (int(weight) for weight in row)
+            links = _shifts(numbers)
+            while self._total(links) + (abs(constant) << self.frac_bits) > ACCUMULATOR_MAX:
+                numbers, constant = [int(weight / 2) for weight in numbers], int(constant / 2)
+                links = _shifts(numbers)
+            nodes.append(Node(tuple(sorted(links)), constant << self.frac_bits, -resolution, "clamped"))
         first = len(self.inputs)
         outputs = tuple(Signal(first + i) for i in range(self.num_outputs))
         return Controller(self.inputs, tuple(nodes), outputs, self.frac_bits)
@@ -147,7 +154,7 @@ class LinearSearch:
     def ternary(self, resolution: int) -> Controller:
         """The mean of the search as a ternary controller: for each output a node for each power of two, and their sum.
 
-        The constant is rounded to -1, 0 or 1.
+        The constant is rounded to -1, 0 or 1. A gain that could carry a sum beyond the accumulator is lowered.
         """
         planes: list[Node] = []
         sums = []
@@ -161,11 +168,17 @@ class LinearSearch:
             for k in sorted(powers):
                 links.append(Link(first + len(planes), 0, 0, 1))
                 gain = min(max(k - resolution, GAIN_RANGE[0]), GAIN_RANGE[1])
+                while gain > 0 and self._total(powers[k]) << gain > ACCUMULATOR_MAX:
+                    gain -= 1
                 planes.append(Node(tuple(sorted(powers[k])), 0, gain, "identity"))
             bias = min(max(round(int(row[-1]) / (1 << resolution)), -1), 1)
             sums.append(Node(tuple(links), bias << self.frac_bits, 0, "clamped"))
         outputs = tuple(Signal(first + len(planes) + i) for i in range(self.num_outputs))
         return Controller(self.inputs, (*planes, *sums), outputs, self.frac_bits).canonical
+
+    def _total(self, links: Sequence[Link]) -> int:
+        """The largest magnitude that a sum of links from inputs can have."""
+        return sum(self.inputs[link.source].limit << link.shift for link in links)
 
     def _rounded(self, weights: Floats | None, resolution: int) -> npt.NDArray[np.int64]:
         chosen = self._mean if weights is None else weights
@@ -226,6 +239,11 @@ class _Constants:
         self.rank_one = faster * 2 / ((n + 1.3) ** 2 + m)  # c_1
         self.rank_many = min(1 - self.rank_one, faster * 2 * (m - 2 + 1 / m) / ((n + 2) ** 2 + m))  # c_mu
         self.normal_length = math.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))
+
+
+def _shifts(weights: Sequence[int]) -> list[Link]:
+    """A link for each signed power of two of the weight of each input."""
+    return [Link(i, 0, k, sign) for i, weight in enumerate(weights) for k, sign in signed_powers(weight)]
 
 
 def _weighted(weights: Sequence[float], rows: Floats) -> Floats:

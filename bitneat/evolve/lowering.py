@@ -7,14 +7,13 @@ import heapq
 from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
+from bitneat.controller.activation import output_limit
 from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
 from bitneat.evolve.plain import PlainGenome, wiring
 from bitneat.network import FloatNetwork, FloatNode, Policy
-
-_UNBOUNDED = frozenset({"identity", "relu", "abs"})
 
 
 def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_bits: int) -> Controller:
@@ -30,9 +29,7 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
     order = _evaluation_order(alive & set(genome.nodes), links, num_outputs)
     number = _signal_numbers(len(inputs), order)
     one = 1 << frac_bits
-    reach = {-1 - index: entry.limit for index, entry in enumerate(inputs)}
-    for key in order:
-        reach[key] = 32767 if genome.nodes[key].activation in _UNBOUNDED else one
+    reach = _reach(inputs, ((key, genome.nodes[key].activation) for key in order), frac_bits)
     into: dict[int, list[BitConnectionGene]] = {key: [] for key in order}
     for link in links:
         into[link.key[1]].append(link)
@@ -102,6 +99,7 @@ def lower_integer(genome: PlainGenome, inputs: tuple[Input, ...], num_outputs: i
     """The canonical controller of a genome with integer or ternary weights: a link for each signed power of two of a weight.
 
     A hidden node that no input reaches is absent, as in `lower`: neat-python would make it a constant, which need not be ternary.
+    If a node's sum could go beyond the accumulator, its weights and its bias are halved, toward zero, until it cannot.
     """
     found = wiring(genome, num_outputs)
     reached: set[int] = set()
@@ -110,35 +108,63 @@ def lower_integer(genome: PlainGenome, inputs: tuple[Input, ...], num_outputs: i
             reached.add(key)
     order = [key for key in found.order if key in reached or key < num_outputs]
     number = _signal_numbers(len(inputs), order)
+    reach = _reach(inputs, ((key, genome.nodes[key].activation) for key in order), frac_bits)
     nodes = []
     for key in order:
         gene = genome.nodes[key]
+        bias = int(gene.bias) << frac_bits
+        weights = {link.key[0]: link.weight for link in found.links[key] if link.key[0] in number}
+        while abs(bias) + sum(_total(weight, reach[source]) for source, weight in weights.items()) > ACCUMULATOR_MAX:
+            bias = _half(bias)
+            weights = {source: _half(weight) for source, weight in weights.items()}
         links = [
-            Link(number[link.key[0]], 0, power, sign)
-            for link in found.links[key]
-            if link.key[0] in number
-            for power, sign in signed_powers(link.weight)
+            Link(number[source], 0, power, sign)
+            for source, weight in weights.items()
+            for power, sign in signed_powers(weight)
         ]
-        nodes.append(Node(tuple(sorted(links)), int(gene.bias) << frac_bits, 0, gene.activation))
+        nodes.append(Node(tuple(sorted(links)), bias, 0, gene.activation))
     outputs = tuple(Signal(number[key]) for key in range(num_outputs))
     return Controller(inputs, tuple(nodes), outputs, frac_bits).canonical
 
 
 def with_shared_weight(controller: Controller, units: int, resolution: int) -> Controller:
-    """A controller whose links all have the weight ``units / 2^resolution`` in place of the ±1 they have.
+    """A controller without biases and gains, whose links get the weight ``units / 2^resolution`` in place of the 1 they have.
 
-    The constant that a bias stands for is weighted alike. So is a weight-agnostic network (Gaier and Ha 2019) tried with one shared
-    weight after the other: a power of two is a gain.
+    So is a weight-agnostic network (Gaier and Ha 2019) tried with one shared weight after the other: a power of two is a gain.
+    If a node's sum could go beyond the accumulator, its weight is made coarser, or else halved, until it cannot.
     """
     nodes = []
     for node in controller.nodes:
+        here, gain = units, -resolution
+        reach = sum(controller.signal_limit(link.source) for link in node.links)
+        while _total(here, reach) << max(gain, 0) > ACCUMULATOR_MAX:
+            if gain > 0:
+                gain -= 1
+            else:
+                here = _half(here)
+                gain += gain < 0  # twice the gain for half the weight
         links = [
-            Link(link.source, link.delay, power, sign * link.sign)
-            for link in node.links
-            for power, sign in signed_powers(units)
+            Link(link.source, link.delay, power, sign) for link in node.links for power, sign in signed_powers(here)
         ]
-        nodes.append(Node(tuple(sorted(links)), node.bias * units, node.gain - resolution, node.activation))
+        nodes.append(Node(tuple(sorted(links)), 0, gain, node.activation))
     return Controller(controller.inputs, tuple(nodes), controller.outputs, controller.frac_bits).canonical
+
+
+def _reach(inputs: tuple[Input, ...], activations: Iterable[tuple[int, str]], frac_bits: int) -> dict[int, int]:
+    """The largest magnitude of the signals that keys of a genome stand for, from the inputs' limits and the nodes' activations."""
+    reach = {-1 - index: entry.limit for index, entry in enumerate(inputs)}
+    reach.update({key: output_limit(activation, frac_bits) for key, activation in activations})
+    return reach
+
+
+def _total(weight: int, reach: int) -> int:
+    """What the shifted links that make a weight can add to the magnitude of a sum: the signed digits do not cancel there."""
+    return sum(reach << power for power, _ in signed_powers(weight))
+
+
+def _half(value: int) -> int:
+    """Half an integer, toward zero."""
+    return value // 2 if value >= 0 else -(-value // 2)
 
 
 def _signal_numbers(num_inputs: int, order: Iterable[int]) -> dict[int, int]:

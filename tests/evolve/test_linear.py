@@ -68,6 +68,20 @@ def test_ternary_and_shifted_policies_act_alike() -> None:
         assert Reference(ternary).step(inputs) == pytest.approx(Reference(shifted).step(inputs), abs=140)
 
 
+@pytest.mark.parametrize(
+    ("count", "weight", "shifted", "ternary"),
+    [(500, 8.0, 8, 8), (700, 8.0, 4, 8), (700, -7.5, -3.75, -7.5), (16000, 8.0, 0.25, 4)],
+)
+def test_a_policy_of_very_many_inputs_has_weights_that_fit_the_accumulator(
+    count: int, weight: float, shifted: float, ternary: float
+) -> None:
+    search = LinearSearch((Input(0, 32767),) * count, 1, 8, seed=1, population=4)
+    search._mean = np.array([weight] * count + [0.0])
+    inputs = [16] + [0] * (count - 1)
+    assert Reference(search.shifted()).step(inputs) == [16 * shifted]
+    assert Reference(search.ternary(4)).step(inputs) == [16 * ternary]
+
+
 def test_falls_count_once_the_median_walks() -> None:
     landscape = Landscape()
     search = LinearSearch(INPUTS, 2, 8, seed=3, population=16, episodes=1, fall_reward=-100.0, walks_at=-3.0)

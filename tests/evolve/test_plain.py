@@ -208,6 +208,40 @@ def test_a_weight_agnostic_genome_runs_with_each_of_its_weights() -> None:
     assert Encoder(variants[0])  # type: ignore[arg-type]
 
 
+def test_a_sum_beyond_the_accumulator_makes_the_weights_of_an_integer_genome_smaller() -> None:
+    inputs = (Input(0, 32767),) * 700
+    nodes = [[0, 100, "identity"], [1, 100, "identity"]]
+    links = [[-1 - i, 0, i, 127 if i % 2 else -127, 1] for i in range(700)] + [[-1, 1, 700, 127, 1]]
+    controller = lower_integer(plain_from_data([1, None, nodes, links], "integer", ()), inputs, 2, 8)
+    signals = [0] * 700
+    signals[0], signals[1], signals[2] = 10, 20, 3
+    first, second = Reference(controller).step(signals)
+    assert first == 63 * (20 - 13) + 50 * 256  # halves, toward zero
+    assert second == 127 * 10 + 100 * 256  # what fits stays
+    fewer = lower_integer(plain_from_data([1, None, nodes, links[:500] + links[-1:]], "integer", ()), inputs, 2, 8)
+    assert Reference(fewer).step(signals)[0] == 127 * (20 - 13) + 100 * 256
+
+
+@pytest.mark.parametrize(
+    ("units", "resolution", "expected"), [(1, -3, 4), (170, 0, 85), (127, 7, 126), (-127, 7, -126)]
+)
+def test_a_sum_beyond_the_accumulator_makes_a_shared_weight_smaller_or_coarser(
+    units: int, resolution: int, expected: int
+) -> None:
+    count = 16000 if resolution < 0 else 700
+    inputs = (Input(0, 32767),) * count
+    nodes = (
+        Node(tuple(Link(i, 0, 0, 1) for i in range(count)), 0, 0, "identity"),
+        Node((Link(0, 0, 0, 1),), 0, 0, "identity"),
+    )
+    base = Controller(inputs, nodes, (Signal(count), Signal(count + 1)), 8).canonical
+    signals = [128] + [0] * (count - 1)
+    scale = 2.0**-resolution
+    first, second = Reference(with_shared_weight(base, units, resolution)).step(signals)
+    assert first == expected * 128 / (128 if resolution == 7 else 1)
+    assert second == units * 128 * scale
+
+
 def test_a_shared_weight_is_refused_by_the_configuration_or_is_what_links_have() -> None:
     genome = genome_of({0: (0, 0, "identity")}, {(-1, 0): 1})
     refused = []
