@@ -2,7 +2,7 @@
 """Species and reproduction on neat-python's framework, by rank.
 
 A genome's ``fitness`` is its rank in the race, scaled to [0, 1]: noisy rewards order genomes, their sizes say nothing.
-Elites are the best of the whole population, and they run again in the next generation on its seeds.
+Elites are the best of the species that are kept, and they run again in the next generation on its seeds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
     def speciate(self, config: Any, population: dict[int, BitGenome], generation: int) -> None:
         """Partition the population, by a threshold that is sought for it or that is adjusted for the next time."""
         settings = self.species_set_config
-        self._keep_nearest(population)
+        self._keep_oldest(population)
         if settings.threshold_trials:
             self.threshold = self._sought(config, population)
         settings.compatibility_threshold = self.threshold
@@ -96,7 +96,7 @@ class BitSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]
         """Give a species back its past."""
         del group, past
 
-    def _keep_nearest(self, population: dict[int, BitGenome]) -> None:
+    def _keep_oldest(self, population: dict[int, BitGenome]) -> None:
         """neat-python needs a genome for each old species; where there are fewer, the youngest species go."""
         for key in sorted(self.species)[len(population) :]:
             del self.species[key]
@@ -115,7 +115,7 @@ class NoStagnation:
 
 
 class BitReproduction(DefaultReproduction):  # type: ignore[misc]
-    """Elites of the population, then children of each species, fewer by ``species_decay`` from one place to the next."""
+    """Elites of the species that are kept, then children of each, fewer by ``species_decay`` from one place to the next."""
 
     def __init__(self, config: Any, reporters: Any, stagnation: Any) -> None:
         super().__init__(config, reporters, stagnation)

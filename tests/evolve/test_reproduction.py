@@ -47,17 +47,30 @@ def test_the_population_keeps_its_size_whatever_the_species(size: int, threshold
         )
 
 
-def test_elites_survive_unchanged_and_all_others_are_new() -> None:
+@pytest.mark.parametrize(("target", "threshold", "more"), [(6, 20, False), (2, 1, True)])
+def test_elites_of_the_kept_species_survive_unchanged_and_all_others_are_new(
+    target: int, threshold: float, more: bool
+) -> None:
     random.seed(1)
-    population = population_of("[NEAT]\npop_size = 30\n[BitReproduction]\nelitism = 0.1\n")
+    population = population_of(
+        "[NEAT]\npop_size = 30\n[BitReproduction]\nelitism = 0.1\n"
+        f"[BitSpeciesSet]\ntarget_species = {target}\ncompatibility_threshold = {threshold}\n"
+    )
+    too_many = left_out = False
     for _ in range(5):
         before = dict(population.population)
+        groups = [dict(group.members) for group in population.species.species.values()]
+        too_many |= len(groups) > target
         population.run(rank_by_links, 1)
-        best = sorted(before.values(), key=lambda genome: -(genome.fitness or 0))[:3]
+        groups.sort(key=lambda members: -max(genome.fitness or 0 for genome in members.values()))
+        eligible = [genome for members in groups[:target] for genome in members.values()]
+        best = sorted(eligible, key=lambda genome: -(genome.fitness or 0))[:3]
+        left_out |= best != sorted(before.values(), key=lambda genome: -(genome.fitness or 0))[:3]
         kept = {key for key in population.population if key in before}
         assert kept == {genome.key for genome in best}
         for genome in best:
             assert genome_to_data(population.population[genome.key]) == genome_to_data(genome)
+    assert (too_many, left_out) == (more, more)
 
 
 def test_the_number_of_species_comes_near_the_target() -> None:
@@ -83,16 +96,21 @@ def test_a_threshold_is_found_in_the_first_generation(threshold: float, target: 
     )
     species = population.species
     assert abs(len(species.species) - target) <= 1
+    holding = 0
     for _ in range(10):
-        kept = species.threshold
         population.run(rank_by_links, 1)
         assert abs(len(species.species) - target) <= 1
         # What was found holds for as long as it gives the wanted number.
-        species.speciate(population.config, population.population, 1)
-        if len(species.species) == target:
-            kept = species.threshold
-            species.speciate(population.config, population.population, 1)
-            assert species.threshold == kept
+        kept = species.threshold
+        again = copy.deepcopy(species)
+        if (
+            again._count(population.population, kept, GenomeDistanceCache(population.config.genome_config), 1000)
+            == target
+        ):
+            again.speciate(population.config, population.population, 1)
+            assert (again.threshold, len(again.species)) == (kept, target)
+            holding += 1
+    assert holding >= 5
 
 
 def test_species_are_counted_as_they_are_made() -> None:
