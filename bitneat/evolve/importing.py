@@ -115,7 +115,7 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
         BitneatError: naming the gene and what a controller cannot express.
     """
     into = _links_into(genome, shape, _integer)
-    order = _order(into, shape)
+    order = _needed(into, shape)
     number = _numbers(order, shape)
     nodes = tuple(_node(genome.nodes[key], key, into[key], number, frac_bits) for key in order)
     outputs = tuple(Signal(number[key]) for key in range(shape.num_outputs))
@@ -135,13 +135,7 @@ def convert_float(genome: Any, shape: NeatShape) -> FloatNetwork:
         BitneatError: naming the gene and what a float network cannot express.
     """
     into = _links_into(genome, shape, _number)
-    needed = set(range(shape.num_outputs))
-    waiting = list(needed)
-    while waiting:
-        sources = {source for source, _ in into[waiting.pop()] if source >= 0} - needed
-        needed |= sources
-        waiting += sources
-    order = [key for key in _order(into, shape) if key in needed]
+    order = _needed(into, shape)
     number = _numbers(order, shape)
     nodes = []
     for key in order:
@@ -149,7 +143,7 @@ def convert_float(genome: Any, shape: NeatShape) -> FloatNetwork:
         activation = _activation(gene, where, len(into[key]))
         links = tuple((number[source], weight) for source, weight in into[key])
         nodes.append(FloatNode(links, _number(gene, "bias", where), _number(gene, "response", where), activation))
-    if not any(source < 0 for key in needed for source, _ in into[key]):
+    if not any(source < 0 for key in order for source, _ in into[key]):
         raise GenomeImportError("the genome has no path from any input to an output")
     return FloatNetwork(shape.num_inputs, tuple(nodes), tuple(number[key] for key in range(shape.num_outputs)))
 
@@ -231,6 +225,10 @@ def _activation(gene: Any, where: str, fan_in: int) -> str:
         raise GenomeImportError(f"{where}: activation {activation!r:.40} is not one of {', '.join(NEAT_ACTIVATIONS)}")
     if aggregation != "sum" and fan_in > 1:
         raise GenomeImportError(f"{where}: aggregation {aggregation!r:.40}: a node of a controller can only sum")
+    if aggregation == "product" and not fan_in:  # neat-python's others give 0 of nothing
+        raise GenomeImportError(
+            f"{where}: aggregation 'product' without enabled links is 1, and a sum is 0; expected another aggregation or a link"
+        )
     return str(activation)
 
 
@@ -267,6 +265,17 @@ def _exponent(response: Any, where: str) -> int:
             f"{where}: response {response:g} is not a power of two from 2^-7 to 2^7; make it one with `bitneat quantize`"
         )
     return exponent - 1
+
+
+def _needed(into: Mapping[int, Sequence[tuple[int, float]]], shape: NeatShape) -> list[int]:
+    """The nodes that an output depends on, in the order of `_order`."""
+    needed = set(range(shape.num_outputs))
+    waiting = list(needed)
+    while waiting:
+        sources = {source for source, _ in into[waiting.pop()] if source >= 0} - needed
+        needed |= sources
+        waiting += sources
+    return [key for key in _order(into, shape) if key in needed]
 
 
 def _order(into: Mapping[int, Sequence[tuple[int, float]]], shape: NeatShape) -> list[int]:

@@ -10,6 +10,7 @@ import pickle
 import random
 import sys
 from pathlib import Path
+from typing import Any
 
 import neat
 import pytest
@@ -148,6 +149,48 @@ def test_float_genomes_compute_neat_pythons_very_bits(config_file: Path) -> None
         for _ in range(5):
             values = [random.gauss(0, 1) for _ in range(3)]
             assert network.step(values) == theirs.activate(values), f"seed {seed}"
+
+
+AGGREGATIONS = ("sum", "product", "max", "min", "maxabs", "median", "mean")
+
+
+def with_orphan(config_file: Path, aggregation: str, *, read: bool) -> tuple[Any, Any]:
+    """A genome with a node without enabled links, which an output reads or not."""
+    genome, config = make(config_file, 3)
+    (first, second), node = list(genome.connections.values())[:2], genome.nodes[0].copy()
+    node.key, node.aggregation, node.activation, node.bias, node.response = 99, aggregation, "identity", 1.0, 0.5
+    into, out = first.copy(), second.copy()
+    into.key, into.enabled, out.key, out.enabled, out.weight = (-1, 99), False, (99, 0), read, 2.0
+    genome.nodes[99] = node
+    genome.connections.update({into.key: into, out.key: out})
+    return genome, config
+
+
+@pytest.mark.parametrize("aggregation", AGGREGATIONS)
+def test_a_node_without_links_is_what_neat_python_makes_of_it_or_refused(config_file: Path, aggregation: str) -> None:
+    genome, config = with_orphan(config_file, aggregation, read=True)
+    assert set(AGGREGATIONS) == set(config.genome_config.aggregation_function_defs.functions)
+    values = [0.125, -0.25, 0.5]
+    expected = neat.nn.FeedForwardNetwork.create(genome, config).activate(values)
+    if aggregation == "product":
+        message = r"node 99: aggregation 'product' without enabled links is 1, and a sum is 0; expected another"
+        for read in (lambda: convert(genome, SHAPE, INPUTS, 12), lambda: convert_float(genome, SHAPE)):
+            with pytest.raises(BitneatError, match=message):
+                read()
+        return
+    found = Reference(convert(genome, SHAPE, INPUTS, 12)).step([int(4096 * value) for value in values])
+    assert [y / 4096 for y in found] == pytest.approx(expected, abs=0.01)
+    assert convert_float(genome, SHAPE).step(values) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("aggregation", AGGREGATIONS)
+def test_a_node_that_no_output_needs_may_be_anything(config_file: Path, aggregation: str) -> None:
+    genome, config = with_orphan(config_file, aggregation, read=False)
+    without, _ = make(config_file, 3)
+    assert convert(genome, SHAPE, INPUTS, 12) == convert(without, SHAPE, INPUTS, 12)
+    values = [0.125, -0.25, 0.5]
+    expected = neat.nn.FeedForwardNetwork.create(genome, config).activate(values)
+    assert convert_float(genome, SHAPE).step(values) == pytest.approx(expected)
 
 
 def test_a_genome_is_whole_if_nothing_must_be_rounded(config_file: Path) -> None:
