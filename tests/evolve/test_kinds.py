@@ -14,7 +14,7 @@ import pytest
 from neat.innovation import InnovationTracker
 
 from bitneat.champion import EnvironmentSpec, FloatChampion, load_any
-from bitneat.controller import Controller, Input
+from bitneat.controller import Constant, Controller, Input
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import load, parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator
@@ -141,12 +141,36 @@ def test_after_the_linear_start_the_population_is_made_of_its_policy() -> None:
     assert set(search.population.species.genome_to_species) == set(search.population.population)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_linear_start_that_leads_nowhere_does_not_end_the_run(seed: int, tmp_path: Path) -> None:
-    # After one generation some outputs' weights round to 0 and are constants, which no genome has.
+def test_a_linear_start_that_leads_nowhere_does_not_end_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A policy that learns nothing has constants for outputs, whatever it is rounded to, which no genome has.
+    monkeypatch.setattr(LinearSearch, "_learn", lambda *_: None)
     settings = settings_of("bit-gains")
     config = settings.config.with_values("evolve", linear_generations=1, generations=3)
-    assert evolve(RunFolder(tmp_path / "run"), RunSettings(settings.environment, config, seed)).finished
+    info = inspect(settings.environment)
+    search = Search(config, settings.environment, info, 5)
+    before = {key: search.kind.to_data(genome) for key, genome in search.population.population.items()}
+    search.advance(GymnasiumEvaluator(settings.environment, info.action, 60, 1))
+    assert search.linear is not None
+    assert not search.starting
+    assert {type(output) for r in (1, 2, 3, 4) for output in search.linear.ternary(r).outputs} == {Constant}
+    assert {key: search.kind.to_data(genome) for key, genome in search.population.population.items()} == before
+    assert evolve(RunFolder(tmp_path / "run"), RunSettings(settings.environment, config, 5)).finished
+
+
+def test_a_rounding_of_the_linear_start_that_no_genome_is_like_is_left_out() -> None:
+    settings = settings_of("bit-gains")
+    config = settings.config.with_values("evolve", linear_generations=1, generations=3)
+    info = inspect(settings.environment)
+    search = Search(config, settings.environment, info, 2)
+    search.advance(GymnasiumEvaluator(settings.environment, info.action, 60, 1))
+    assert search.linear is not None
+    roundings = [search.linear.ternary(r) for r in (1, 2, 3, 4)]
+    used = [policy for policy in roundings if Constant not in map(type, policy.outputs)]
+    assert len(used) == 3
+    genomes = list(search.population.population.values())
+    assert [search.kind.lower(genome)[0].num_links for genome in genomes[:3]] == [policy.num_links for policy in used]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -293,14 +293,31 @@ def test_a_second_run_in_the_same_folder_is_refused_with_a_hint(tmp_path: Path) 
         folder.create(settings_for())
 
 
-def test_duplicates_are_evaluated_once_and_rank_last() -> None:
-    settings = settings_for(text=SMALL.replace("mutate_bias = 1", "initial_links = 0\nmutate_gain = 0"))
+def test_duplicates_are_evaluated_once_and_rank_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = settings_for(text=SMALL.replace("mutate_bias = 1", "initial_links = 1\nmutate_gain = 0"))
     info = inspect(settings.environment)
     search = Search(settings.config, settings.environment, info, 1)
+    genomes = sorted(search.population.population.items())
     evaluator = GymnasiumEvaluator(settings.environment, info.action, 60, 1)
+    stages: list[list[str]] = []
+    evaluate = evaluator.evaluate
+
+    def recorded(controllers: Any, *rest: Any) -> Any:
+        stages.append([controller.sha256 for controller in controllers])
+        return evaluate(controllers, *rest)
+
+    monkeypatch.setattr(evaluator, "evaluate", recorded)
     row = search.advance(evaluator)
-    assert row.duplicates > 0
-    assert row.episodes < 2 * 14
+    policies = [search.kind.lower(genome)[0].sha256 for _, genome in genomes]
+    originals = [
+        genome for (_, genome), sha in zip(genomes, policies, strict=True) if policies.index(sha) == genome.key - 1
+    ]
+    copies = [genome for _, genome in genomes if genome not in originals]
+    assert row.duplicates == len(copies) >= 2
+    assert sorted(stages[0]) == sorted(set(policies))
+    ranks = sorted(genome.fitness or 0.0 for genome in originals)
+    assert ranks == pytest.approx([rank / (len(originals) - 1) for rank in range(len(originals))])
+    assert [genome.fitness for genome in copies] == [0.0] * len(copies)  # with the last of the others
 
 
 def changed(data: Any, path: tuple[Any, ...], value: object) -> Any:
