@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ import pytest
 from bitneat.champion import EnvironmentSpec
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import PRESETS, SCHEMA, load, parse, preset_for, preset_names
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -96,3 +99,24 @@ def test_values_from_the_command_line_are_checked_too() -> None:
     assert config["NEAT"]["pop_size"] == 33
     with pytest.raises(BitneatError, match=r"command line: \[NEAT\] pop_size = 1"):
         load("cartpole").with_values("NEAT", pop_size=1)
+
+
+def documented_keys() -> dict[str, set[str]]:
+    """The keys in the tables of docs/evolve.md, by section."""
+    keys: dict[str, set[str]] = {section: set() for section in SCHEMA}
+    section = ""
+    for line in (ROOT / "docs" / "evolve.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        named = re.fullmatch(r"(key of )?`\[(\w+)\]`", cells[0])
+        if not line.startswith("|"):
+            section = ""  # the table is over
+        elif named:
+            section = named[2]
+        if section and not (named and named[1]):  # what is named there heads the column
+            keys[section].update(re.findall(r"`(\w+)`", cells[-2]))
+    return keys
+
+
+@pytest.mark.parametrize("section", SCHEMA)
+def test_every_key_stands_in_the_documentation_by_its_name(section: str) -> None:
+    assert documented_keys()[section] == set(SCHEMA[section])
