@@ -8,7 +8,6 @@ stand-ins for them: no code of the file or of neat-python runs.
 from __future__ import annotations
 
 import configparser
-import heapq
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from bitneat.controller import Constant, Controller, ControllerError, Input, Lin
 from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import GAIN_RANGE, MAX_SIGNALS, SHIFT_RANGE
 from bitneat.errors import BitneatError
+from bitneat.evolve.ordering import evaluation_order, signal_numbers
 from bitneat.files import read_capped
 from bitneat.network import MAX_VALUE, FloatNetwork, FloatNode
 from bitneat.unpickle import Record, UnpickleError, read
@@ -116,7 +116,7 @@ def convert(genome: Any, shape: NeatShape, inputs: tuple[Input, ...], frac_bits:
     """
     into = _links_into(genome, shape, _integer)
     order = _needed(into, shape)
-    number = _numbers(order, shape)
+    number = signal_numbers(shape.num_inputs, order)
     nodes = tuple(_node(genome.nodes[key], key, into[key], number, frac_bits) for key in order)
     outputs = tuple(Signal(number[key]) for key in range(shape.num_outputs))
     try:
@@ -136,7 +136,7 @@ def convert_float(genome: Any, shape: NeatShape) -> FloatNetwork:
     """
     into = _links_into(genome, shape, _number)
     order = _needed(into, shape)
-    number = _numbers(order, shape)
+    number = signal_numbers(shape.num_inputs, order)
     nodes = []
     for key in order:
         gene, where = genome.nodes[key], f"node {key}"
@@ -188,13 +188,6 @@ def _links_into(
                 f"output {output}: the genome has no such node; does the configuration belong to it?"
             )
     return into
-
-
-def _numbers(order: list[int], shape: NeatShape) -> dict[int, int]:
-    """The signal of each input and node."""
-    number = {-1 - index: index for index in range(shape.num_inputs)}
-    number.update({key: shape.num_inputs + position for position, key in enumerate(order)})
-    return number
 
 
 def _node(gene: Any, key: int, sources: list[tuple[int, int]], number: dict[int, int], frac_bits: int) -> Node:
@@ -280,29 +273,12 @@ def _needed(into: Mapping[int, Sequence[tuple[int, float]]], shape: NeatShape) -
 
 def _order(into: Mapping[int, Sequence[tuple[int, float]]], shape: NeatShape) -> list[int]:
     """Hidden nodes in topological order, then the outputs that no node reads."""
-    missing = {key: sum(source >= 0 for source, _ in sources) for key, sources in into.items()}
-    readers: dict[int, list[int]] = {key: [] for key in into}
-    for key, sources in into.items():
-        for source, _ in sources:
-            if source >= 0:
-                readers[source].append(key)
-    ready = [_rank(key, shape) for key, count in missing.items() if count == 0]
-    heapq.heapify(ready)
-    order: list[int] = []
-    while ready:
-        _, key = heapq.heappop(ready)
-        order.append(key)
-        for reader in readers[key]:
-            missing[reader] -= 1
-            if missing[reader] == 0:
-                heapq.heappush(ready, _rank(reader, shape))
-    waiting = sorted((key for key, count in missing.items() if count), key=lambda key: _rank(key, shape))
+    order = evaluation_order(
+        {key: [source for source, _ in sources] for key, sources in into.items()}, shape.num_outputs
+    )
+    waiting = sorted(into.keys() - set(order), key=lambda key: (key < shape.num_outputs, key))
     if waiting:
         raise GenomeImportError(
             f"nodes {', '.join(map(str, waiting[:5]))}: form a cycle; recurrent networks cannot be imported"
         )
     return order
-
-
-def _rank(key: int, shape: NeatShape) -> tuple[bool, int]:
-    return key < shape.num_outputs, key

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
@@ -12,6 +11,7 @@ from bitneat.controller.digits import signed_powers
 from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
+from bitneat.evolve.ordering import evaluation_order, signal_numbers
 from bitneat.evolve.plain import PlainGenome, wiring
 from bitneat.network import FloatNetwork, FloatNode, Policy
 
@@ -22,17 +22,25 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
     Links that are disabled or of weight zero are absent. A hidden node that no input reaches is absent too, with its links:
     neat-python would make it a constant nobody asked for. An output without links is the constant that its bias gives.
     A gain that could carry a node's sum beyond the accumulator is lowered to the largest that cannot.
+
+    Raises:
+        BitneatError: if undelayed links form a cycle, which those of a damaged file may.
     """
     links = [link for link in genome.connections.values() if link.counts]
     alive = _reached_from_inputs(links) | set(range(num_outputs))
     links = [link for link in links if link.key[1] in alive and (link.key[0] < 0 or link.key[0] in alive)]
-    order = _evaluation_order(alive & set(genome.nodes), links, num_outputs)
-    number = _signal_numbers(len(inputs), order)
-    one = 1 << frac_bits
-    reach = _reach(inputs, ((key, genome.nodes[key].activation) for key in order), frac_bits)
-    into: dict[int, list[BitConnectionGene]] = {key: [] for key in order}
+    into: dict[int, list[BitConnectionGene]] = {key: [] for key in alive & set(genome.nodes)}
     for link in links:
         into[link.key[1]].append(link)
+    # No undelayed link leaves an output, so that the outputs come last, as they do in the canonical order.
+    order = evaluation_order(
+        {key: [link.key[0] for link in found if not link.delay] for key, found in into.items()}, num_outputs
+    )
+    if len(order) < len(into):
+        raise BitneatError(f"nodes {', '.join(map(str, sorted(into.keys() - set(order))[:5]))}: form a cycle")
+    number = signal_numbers(len(inputs), order)
+    one = 1 << frac_bits
+    reach = _reach(inputs, ((key, genome.nodes[key].activation) for key in order), frac_bits)
     nodes = []
     for key in order:
         gene = genome.nodes[key]
@@ -86,7 +94,7 @@ def genome_from_controller(key: int, controller: Controller, settings: BitGenome
 def lower_float(genome: PlainGenome, num_inputs: int, num_outputs: int) -> FloatNetwork:
     """The network that neat-python would make of a genome with float weights."""
     found = wiring(genome, num_outputs)
-    number = _signal_numbers(num_inputs, found.order)
+    number = signal_numbers(num_inputs, found.order)
     nodes = []
     for key in found.order:
         gene = genome.nodes[key]
@@ -107,7 +115,7 @@ def lower_integer(genome: PlainGenome, inputs: tuple[Input, ...], num_outputs: i
         if any(link.weight and (link.key[0] < 0 or link.key[0] in reached) for link in found.links[key]):
             reached.add(key)
     order = [key for key in found.order if key in reached or key < num_outputs]
-    number = _signal_numbers(len(inputs), order)
+    number = signal_numbers(len(inputs), order)
     reach = _reach(inputs, ((key, genome.nodes[key].activation) for key in order), frac_bits)
     nodes = []
     for key in order:
@@ -167,13 +175,6 @@ def _half(value: int) -> int:
     return value // 2 if value >= 0 else -(-value // 2)
 
 
-def _signal_numbers(num_inputs: int, order: Iterable[int]) -> dict[int, int]:
-    """The signal that a key of a genome stands for: inputs have the keys -1, -2, …."""
-    number = {-1 - index: index for index in range(num_inputs)}
-    number.update({key: num_inputs + position for position, key in enumerate(order)})
-    return number
-
-
 def has_path(controller: Policy) -> bool:
     """True iff some output depends on an input; a controller must be canonical."""
     if isinstance(controller, FloatNetwork):
@@ -203,28 +204,3 @@ def _reached_from_inputs(links: Iterable[BitConnectionGene]) -> set[int]:
                 reached.add(reader)
                 pending.append(reader)
     return reached
-
-
-def _evaluation_order(keys: set[int], links: Iterable[BitConnectionGene], num_outputs: int) -> list[int]:
-    """Topological order over undelayed links, hidden nodes by key and the outputs last.
-
-    No undelayed link leaves an output, so that the outputs can wait for all hidden nodes; the canonical order then ends with them.
-    """
-    readers: dict[int, list[int]] = {key: [] for key in keys}
-    waiting_for = dict.fromkeys(keys, 0)
-    for link in links:
-        source, target = link.key
-        if source >= 0 and not link.delay:
-            readers[source].append(target)
-            waiting_for[target] += 1
-    ready = [(key < num_outputs, key) for key in keys if not waiting_for[key]]
-    heapq.heapify(ready)
-    order = []
-    while ready:
-        _, key = heapq.heappop(ready)
-        order.append(key)
-        for reader in readers[key]:
-            waiting_for[reader] -= 1
-            if not waiting_for[reader]:
-                heapq.heappush(ready, (reader < num_outputs, reader))
-    return order

@@ -10,6 +10,7 @@ import pytest
 
 from bitneat.controller import Constant, Controller, Input, Reference, Signal
 from bitneat.controller.activation import evaluate
+from bitneat.errors import BitneatError
 from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitNodeGene
 from bitneat.evolve.lowering import has_path, lower
 from tests.evolve.test_genome import make_config, make_genome
@@ -97,6 +98,15 @@ def test_hidden_nodes_that_no_input_reaches_are_absent() -> None:
         {0: (0, 0, "clamped"), 5: (0, 0, "gauss"), 6: (0, 1, "step")}, {(-1, 0): 1, (5, 0): 1, (6, 5): 1}
     )
     assert lower(genome, INPUTS[:1], 1, 8) == lower(genome_of({0: (0, 0, "clamped")}, {(-1, 0): 1}), INPUTS[:1], 1, 8)
+
+
+def test_a_cycle_in_a_damaged_genome_is_named() -> None:
+    nodes = {0: (0, 0, "clamped"), 5: (0, 0, "gauss"), 6: (0, 1, "step")}
+    genome = genome_of(nodes, {(-1, 0): 1, (-1, 5): 1, (5, 6): 1, (6, 5): 1})
+    with pytest.raises(BitneatError, match="nodes 5, 6: form a cycle"):
+        lower(genome, INPUTS[:1], 1, 8)
+    genome.connections[6, 5].delay = 1
+    assert lower(genome, INPUTS[:1], 1, 8).num_links == 1
 
 
 def test_zero_and_disabled_links_are_absent() -> None:
