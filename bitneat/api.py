@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from bitneat.champion import AnyChampion, Champion, EnvironmentSpec, load, load_any, save_json, save_pickle
-from bitneat.controller import Controller, Encoder, State
+from bitneat.controller import Action, Controller, Encoder, State
 from bitneat.controller.packing import pack, unpack
 from bitneat.errors import BitneatError
 
@@ -221,9 +221,8 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
     info = inspect(spec)
     max_steps = episode_limit(settings.config, spec, info)
     chosen = choose(spec, means.simulator, _warn)
-    limit = getattr(means.evaluator, "max_steps", max_steps)
-    if limit != max_steps:
-        raise BitneatError(f"evaluator: stops episodes after {limit} steps, this run does after {max_steps}")
+    if means.evaluator is not None:
+        _refuse_other_evaluator(means.evaluator, spec, info.action, max_steps)
     if new:
         folder.create(settings)
     evaluator = means.evaluator
@@ -245,6 +244,20 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
     if not isinstance(outcome.champion, Champion):
         raise BitneatError(f"{folder.champion_pickle}: is a float network; quantize it for a controller")
     return Evolved(outcome.champion, outcome.score, folder.path, outcome.finished)
+
+
+def _refuse_other_evaluator(evaluator: Evaluator, spec: EnvironmentSpec, action: Action, max_steps: int) -> None:
+    """Refuse one that was made for other episodes than the run's; one of the user's own need not say for which it was."""
+    limit = getattr(evaluator, "max_steps", max_steps)
+    if limit != max_steps:
+        raise BitneatError(f"evaluator: stops episodes after {limit} steps, this run does after {max_steps}")
+    found = getattr(evaluator, "spec", spec)
+    if (found.id, found.kwargs) != (spec.id, spec.kwargs):
+        raise BitneatError(
+            f"evaluator: is for {found.id} with {dict(found.kwargs)}, this run is for {spec.id} with {dict(spec.kwargs)}"
+        )
+    if getattr(evaluator, "action", action) != action:
+        raise BitneatError(f"evaluator: is for another action space than that of {spec.id}")
 
 
 def evaluate(

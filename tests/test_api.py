@@ -227,6 +227,29 @@ def test_an_evaluator_that_stops_elsewhere_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def test_an_evaluator_of_another_environment_is_refused(tmp_path: Path) -> None:
+    from bitneat.controller import DiscreteAction
+    from bitneat.evolve.evaluation import GymnasiumEvaluator
+
+    def evolve(spec: bitneat.EnvironmentSpec, action: DiscreteAction, max_steps: int, **few: int) -> bitneat.Evolved:
+        evaluator = GymnasiumEvaluator(spec, action, max_steps, 1)
+        return bitneat.evolve("CartPole-v1", evaluator=evaluator, output=tmp_path / "run", **few)  # type: ignore[arg-type]
+
+    cart = bitneat.EnvironmentSpec("CartPole-v1")
+    other = bitneat.EnvironmentSpec("CartPole-v1", {"sutton_barto_reward": True})
+    message = "evaluator: is for CartPole-v1 with {'sutton_barto_reward': True}, this run is for CartPole-v1 with {}"
+    with pytest.raises(bitneat.BitneatError, match=message):
+        evolve(other, DiscreteAction(2), 500)
+    with pytest.raises(bitneat.BitneatError, match=r"is for Acrobot-v1 with \{\}, this run is for CartPole-v1"):
+        evolve(bitneat.EnvironmentSpec("Acrobot-v1"), DiscreteAction(2), 500)
+    with pytest.raises(bitneat.BitneatError, match="evaluator: is for another action space than that of CartPole-v1"):
+        evolve(cart, DiscreteAction(2, start=1), 500)
+    with pytest.raises(bitneat.BitneatError, match="stops episodes after 60 steps, this run does after 500"):
+        evolve(cart, DiscreteAction(2), 60)
+    assert not (tmp_path / "run").exists()
+    assert evolve(cart, DiscreteAction(2), 500, population=4, generations=1).finished
+
+
 def test_a_script_without_a_guard_gets_a_line_that_says_so(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     call = "bitneat.evolve('CartPole-v1', population=4, generations=1, workers=2, output='run')"

@@ -107,7 +107,7 @@ class RayEvaluator:
     ) -> None:
         self._ray = _ray()
         self._warn = warn
-        self.max_steps = max_steps
+        self.spec, self.action, self.max_steps = spec, action, max_steps
         self._least = LEAST_EPISODES[simulator]
         self._mine = not self._ray.is_initialized()
         if self._mine:

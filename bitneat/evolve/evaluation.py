@@ -48,6 +48,7 @@ class GymnasiumEvaluator:
     def __init__(
         self, spec: EnvironmentSpec, action: Action, max_steps: int, workers: int, simulator: str = "auto"
     ) -> None:
+        self.spec, self.action, self.max_steps = spec, action, max_steps
         self._jobs = EpisodeJobs(spec, action, max_steps, simulator)
         self._pool = WorkerPool(self._jobs, workers) if workers > 1 else None
         # Short episodes go out by the handful, since each message costs as much as dozens of their steps.
@@ -86,8 +87,8 @@ class NativeWalkerEvaluator:
     """
 
     def __init__(self, spec: EnvironmentSpec, max_steps: int, workers: int) -> None:
+        self.spec, self.max_steps = spec, max_steps
         self._hardcore = bipedal.is_hardcore(spec)
-        self._max_steps = max_steps
         self._threads = min(workers, MAX_THREADS)
 
     def evaluate(
@@ -95,7 +96,7 @@ class NativeWalkerEvaluator:
     ) -> list[list[EpisodeResult]]:
         """The episodes, by controller and then by seed."""
         return evaluate_natively(
-            controllers, seeds, self._max_steps, shaping, hardcore=self._hardcore, threads=self._threads
+            controllers, seeds, self.max_steps, shaping, hardcore=self._hardcore, threads=self._threads
         )
 
     def close(self) -> None:
