@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from bitneat.errors import BitneatError
-from bitneat.orphans import end_with_parent
+from bitneat.orphans import children_ignore_interrupts, end_with_parent
 
 _AHEAD = 2
 """Jobs a worker has at a time, so that it need not wait for the next."""
@@ -30,31 +29,49 @@ class WorkerPool:
     """
 
     def __init__(self, function: Callable[[Any], Any], workers: int) -> None:
-        context = multiprocessing.get_context("spawn")
+        self._function = function
+        self._count = workers
+        self._closed = False
+        self._turn: object | None = None
+        """The `map` that has jobs at the workers."""
         self._workers: list[tuple[Any, Connection]] = []
-        in_main_thread = threading.current_thread() is threading.main_thread()
-        # A worker inherits that SIGINT is ignored, so that not even its start can be interrupted.
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN) if in_main_thread else None
-        try:
-            for _ in range(workers):
-                ours, theirs = context.Pipe()
-                process = context.Process(target=_work, args=(theirs, function), daemon=True)
-                process.start()
-                theirs.close()
-                self._workers.append((process, ours))
-        except BaseException:
-            self.close()
-            raise
-        finally:
-            if in_main_thread:
-                signal.signal(signal.SIGINT, before)
+        self._start()
 
     def map(self, jobs: Sequence[Any]) -> Iterator[Any]:
         """The results in the order of the jobs; ``jobs`` go to whichever worker is free.
 
+        Whatever ends it before its last result, an error, Ctrl-C or who stops asking, ends the workers too: they have jobs of it,
+        and a message may be cut in two. The next `map` starts others.
+
         Raises:
-            BitneatError: if a job raised it, or a worker died.
+            BitneatError: if a job raised it, a worker died, or the pool is closed.
         """
+        if self._closed:
+            raise BitneatError("the worker processes are closed; an evaluator is of no use after close()")
+        if self._turn is not None:  # one that was left in the middle, and that something still holds
+            self._stop()
+        self._turn = turn = object()
+        try:
+            if not self._workers:
+                self._start()
+            for number, result in enumerate(self._results(jobs), start=1):
+                if number == len(jobs):
+                    self._turn = None  # nothing is left at the workers, whether or not anybody asks for an end
+                yield result
+                if number < len(jobs) and self._turn is not turn:
+                    raise BitneatError("the worker processes have gone on to other jobs")
+            self._turn = None
+        except BaseException:
+            if self._turn is turn:
+                self._stop()
+            raise
+
+    def close(self) -> None:
+        """Stop all processes, at once."""
+        self._closed = True
+        self._stop()
+
+    def _results(self, jobs: Sequence[Any]) -> Iterator[Any]:
         results: dict[int, Any] = {}
         queue = iter(enumerate(jobs))
         load = {connection: 0 for _, connection in self._workers}
@@ -73,8 +90,21 @@ class WorkerPool:
                     self._give(ready, queue, load)
             yield results.pop(index)
 
-    def close(self) -> None:
-        """Stop all processes, at once."""
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        try:
+            with children_ignore_interrupts():
+                for _ in range(self._count):
+                    ours, theirs = context.Pipe()
+                    process = context.Process(target=_work, args=(theirs, self._function), daemon=True)
+                    process.start()
+                    theirs.close()
+                    self._workers.append((process, ours))
+        except BaseException:
+            self._stop()
+            raise
+
+    def _stop(self) -> None:
         for process, connection in self._workers:
             connection.close()
             process.terminate()
@@ -84,6 +114,7 @@ class WorkerPool:
                 process.kill()
                 process.join()
         self._workers = []
+        self._turn = None
 
     def _give(self, connection: Connection, queue: Iterator[tuple[int, Any]], load: dict[Connection, int]) -> None:
         job = next(queue, None)

@@ -23,6 +23,8 @@ def job(number: int) -> tuple[int, int]:
         os.kill(os.getpid(), signal.SIGKILL)
     if number == -4:
         os.kill(os.getpid(), signal.SIGINT)
+    if number == -5:
+        time.sleep(60)
     time.sleep(0.001 * (number % 5))
     return number, os.getpid()
 
@@ -68,3 +70,44 @@ def test_no_process_is_left_after_close() -> None:
     for process in processes:
         with pytest.raises(ProcessLookupError):
             os.kill(process, 0)
+
+
+def test_what_ended_early_leaves_nothing_for_the_next(pool: WorkerPool) -> None:
+    with pytest.raises(BitneatError, match="refused"):
+        list(pool.map([-1, 1, 2, 3]))
+    assert [number for number, _ in pool.map([10, 11, 12, 13])] == [10, 11, 12, 13]
+    left = pool.map([20, 21, 22, 23, 24])  # which is held, as a notebook holds what an exception went through
+    assert next(left)[0] == 20
+    assert [number for number, _ in pool.map([30, 31, 32])] == [30, 31, 32]
+    with pytest.raises(BitneatError, match="gone on to other jobs"):
+        next(left)
+    assert [number for number, _ in pool.map([40, 41, 42])] == [40, 41, 42]
+
+
+def test_it_goes_on_after_an_interrupt_and_after_a_death(pool: WorkerPool) -> None:
+    def stop(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.5)
+        with pytest.raises(KeyboardInterrupt):
+            list(pool.map([-5, -5, 1, 2]))
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert [number for number, _ in pool.map([10, 11, 12])] == [10, 11, 12]
+    with pytest.raises(BitneatError, match="died"):
+        list(pool.map([-3, 1]))
+    assert [number for number, _ in pool.map([20, 21, 22])] == [20, 21, 22]
+
+
+def test_whoever_does_not_ask_for_the_end_keeps_the_processes(pool: WorkerPool) -> None:
+    assert len({next(pool.map([number]))[1] for number in range(6)}) <= 2
+
+
+def test_a_closed_pool_says_so() -> None:
+    pool = WorkerPool(job, 1)
+    pool.close()
+    with pytest.raises(BitneatError, match="are closed"):
+        list(pool.map([1]))
+    pool.close()
