@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -60,3 +61,28 @@ def test_the_job_of_a_reproduction_ends_with_it(tmp_path: Path, number: int, sta
     assert saved
     for path in saved:
         json.loads(path.read_text())
+
+
+def test_an_interrupt_while_the_jobs_of_a_reproduction_start_is_one_line(tmp_path: Path) -> None:
+    arguments = ["reproduce", "--budget", "smoke", "-o", str(tmp_path / "paper"), "--workers", "1", "--only", "bit-1"]
+    # A handler, since what ignores SIGINT in here, as a shell's background does, would be inherited.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "bitneat", *arguments], start_new_session=True, stderr=subprocess.PIPE
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+    def starting() -> bool:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        return any(b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children)
+
+    wait_for(starting, process)
+    time.sleep(0.1)  # the parent is done with the start, its job imports yet
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"Traceback" not in errors
+    assert errors.splitlines()[-1] == b"bitneat: stopped; the same command goes on"
+    assert_all_gone(process.pid)

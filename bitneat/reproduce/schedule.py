@@ -16,7 +16,7 @@ from typing import Any
 
 from bitneat.errors import BitneatError
 from bitneat.files import make_folder, refuse_links
-from bitneat.orphans import end_with_parent
+from bitneat.orphans import children_ignore_interrupts, end_with_parent
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
 
@@ -116,14 +116,15 @@ def _start(job: Job, folder: Path, results: dict[str, Result], command: str) -> 
     ours, theirs = context.Pipe(duplex=False)
     needed = {name: results[name] for name in job.after}
     process = context.Process(target=_work, args=(theirs, job, folder, needed, command), daemon=True)
-    process.start()
+    with children_ignore_interrupts():
+        process.start()
     theirs.close()
     return _Running(job, process, ours)
 
 
 def _work(connection: Connection, job: Job, folder: Path, results: dict[str, Result], command: str) -> None:
     """What a process does. The result is on disk before anybody is told."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us, by a signal or by its own end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as the parent sees to, unless it started us in a thread
     end_with_parent()
     from bitneat.errors import MissingExtraError
     from bitneat.reproduce.running import run
