@@ -175,8 +175,16 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
     _tell_of_linear_start_alone(settings.config)
     evaluator: Evaluator | None = None
     try:
-        evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
-        return carry_on(folder, settings, info, evaluator, progress, check=recheck)
+        try:
+            evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
+            return carry_on(folder, settings, info, evaluator, progress, check=recheck)
+        finally:
+            # The terminal first: a cluster takes seconds to close, and who waits for that may press Ctrl-C again.
+            try:
+                progress.close()
+            finally:
+                if evaluator is not None:
+                    evaluator.close()
     except KeyboardInterrupt as stop:
         stop.args = (f"stopped; continue with: bitneat evolve --resume {folder.path}",)
         raise
@@ -187,10 +195,6 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
         if args.resume is None and not folder.is_begun:
             folder.discard()
         raise
-    finally:
-        if evaluator is not None:
-            evaluator.close()
-        progress.close()
 
 
 def _renew_checkpoint(folder: RunFolder, info: EnvironmentInfo) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TextIO
 
@@ -186,9 +187,10 @@ class Together:
             part.choosing()
 
     def close(self) -> None:
-        """Tell all."""
-        for part in self._parts:
-            part.close()
+        """Tell all, whatever comes in between."""
+        with ExitStack() as stack:
+            for part in reversed(self._parts):
+                stack.callback(part.close)
 
 
 CHOOSING = "choosing the champion on the selection seeds, scoring it on the report seeds"

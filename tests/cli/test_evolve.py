@@ -341,3 +341,25 @@ def test_a_run_cannot_be_made_shorter(tiny: str, capsys: pytest.CaptureFixture[s
     assert main(["evolve", "--resume", "run", "--generations", "1", "--workers", "1"]) == 2
     assert "has completed 2 generations, more than the 1 asked for" in capsys.readouterr().err
     assert Path("run/config.ini").read_text() == settings
+
+
+def test_a_second_interrupt_while_it_closes_leaves_the_terminal_as_it_was_and_says_how_to_go_on(
+    tiny: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from bitneat.evolve.evaluation import GymnasiumEvaluator
+    from bitneat.evolve.progress import PlainProgress
+
+    closed: list[str] = []
+
+    def interrupt(self: object, *arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    def close(self: object) -> None:
+        closed.append("the view")
+
+    monkeypatch.setattr(GymnasiumEvaluator, "evaluate", interrupt)
+    monkeypatch.setattr(GymnasiumEvaluator, "close", interrupt)
+    monkeypatch.setattr(PlainProgress, "close", close)
+    assert main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--workers", "1", "-o", "run"]) == 130
+    assert closed == ["the view"]
+    assert capsys.readouterr().err.splitlines()[-1] == "bitneat: stopped; continue with: bitneat evolve --resume run"
