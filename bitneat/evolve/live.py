@@ -38,8 +38,8 @@ class LiveProgress:
         self._console = console
         self._readings = Readings()
         self._title = self._state = ""
-        self._best: list[float] = []
-        self._mean: list[float] = []
+        self._curves: list[tuple[float, float]] = []
+        """Best and mean of each generation in one, since the thread that draws may look at any moment."""
         self._reading: Reading | None = None
         self._candidate: Candidate | None = None
         self._closed_at: float | None = None
@@ -52,8 +52,7 @@ class LiveProgress:
         """Begin to draw."""
         self._readings.start(search, generations, seconds)
         self._title = f"{search.spec.id}, population {search.config['NEAT']['pop_size']}, seed {search.seed}"
-        self._best = [row.best for row in search.history]
-        self._mean = [row.mean for row in search.history]
+        self._curves = [(row.best, row.mean) for row in search.history]
         self._candidate = search.candidates[0] if search.candidates else None
         self._read_at = time.monotonic()
         self._live.start(refresh=True)
@@ -63,8 +62,7 @@ class LiveProgress:
         self._reading = self._readings.read(row, best)
         self._candidate = best
         self._read_at = time.monotonic()
-        self._best.append(row.best)
-        self._mean.append(row.mean)
+        self._curves.append((row.best, row.mean))
 
     def choosing(self) -> None:
         """Say so."""
@@ -97,20 +95,21 @@ class LiveProgress:
             lines.append(("phase", self._phase()))
         if self._candidate is not None:
             lines.append(("best walk", _candidate_text(self._candidate, reading)))
-        if self._best:
-            low, high = min(self._mean + self._best), max(self._best + self._mean)
+        if curves := self._curves[:]:
+            best, mean = [pair[0] for pair in curves], [pair[1] for pair in curves]
+            low, high = min(mean + best), max(best + mean)
             blocks = _ASCII_BLOCKS if self._console.options.ascii_only else _BLOCKS
             room = max(width - _NUMBER - 1, 1)
             lines.append(
                 (
                     "best",
-                    f"{sparkline(self._best, room, low, high, pool=max, blocks=blocks)} {self._best[-1]:{_NUMBER}.1f}",
+                    f"{sparkline(best, room, low, high, pool=max, blocks=blocks)} {best[-1]:{_NUMBER}.1f}",
                 )
             )
             lines.append(
                 (
                     "mean",
-                    f"{sparkline(self._mean, room, low, high, pool=_mean, blocks=blocks)} {self._mean[-1]:{_NUMBER}.1f}",
+                    f"{sparkline(mean, room, low, high, pool=_mean, blocks=blocks)} {mean[-1]:{_NUMBER}.1f}",
                 )
             )
         if reading is not None:

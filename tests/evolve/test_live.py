@@ -151,6 +151,45 @@ def test_all_are_told_in_their_order() -> None:
     assert told == [f"{n} {m}" for m in ("start", "generation", "choosing", "close") for n in "ab"]
 
 
+def test_all_are_closed_though_one_is_interrupted() -> None:
+    closed: list[str] = []
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    first: Any = SimpleNamespace(close=interrupted)
+    second: Any = SimpleNamespace(close=lambda: closed.append("second"))
+    with pytest.raises(KeyboardInterrupt):
+        Together((first, second)).close()
+    assert closed == ["second"]
+
+
+def test_the_curves_are_whole_at_every_moment_of_a_generation() -> None:
+    """The view is drawn by a thread of its own, at any time."""
+    live = LiveProgress(Console(file=StringIO(), force_terminal=True, width=80))
+    live.start(a_search([]), 10, None)
+    drawn: list[int] = []
+
+    def draw(frame: Any, event: str, argument: Any) -> Any:
+        if frame.f_code is LiveProgress.generation.__code__:
+            sys.settrace(None)
+            with Console(file=StringIO()).capture():
+                Console(file=StringIO(), width=80).print(live._view())
+            drawn.append(frame.f_lineno)
+            sys.settrace(draw)
+            return draw
+        return None
+
+    before = sys.gettrace()
+    sys.settrace(draw)
+    try:
+        live.generation(a_row(0), None)
+    finally:
+        sys.settrace(before)
+        live.close()
+    assert len(drawn) > 4
+
+
 @pytest.mark.parametrize("term", ["dumb", "xterm"])
 def test_plain_lines_where_there_is_no_terminal_to_draw_on(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", term)
