@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import random
+import statistics
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def silence(model: Any) -> None:
 def recent_mean(model: Any) -> float | None:
     """The mean reward of the latest episodes; None if none has ended."""
     rewards = [float(info["r"]) for info in model.ep_info_buffer or ()][-_WINDOW:]
-    return sum(rewards) / len(rewards) if rewards else None
+    return statistics.fmean(rewards) if rewards else None
 
 
 def saved(model: Any, exclude: list[str] | None = None) -> bytes:

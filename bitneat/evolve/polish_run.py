@@ -25,6 +25,7 @@ from bitneat.evolve.polish import Entry, Goal, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
 from bitneat.files import make_folder, refuse_links, sole_user, write_atomic
+from bitneat.sim.environment import EpisodeResult
 from bitneat.state import StateFile
 from bitneat.version import __version__
 
@@ -227,11 +228,12 @@ def carry_on(
                 folder.save_champion(_champion(settings, polish, leader, None, None))
             tell(row)
             out_of_time = settings.seconds is not None and time.monotonic() - began > settings.seconds
-        entry, rewards = _choose(polish, evaluator)
+        entry, episodes = _choose(polish, evaluator)
+        selection = Score.of(episodes)
         if check is not None:
-            check(Candidate(entry.controller, polish.generation, tuple(rewards)))
+            check(Candidate(entry.controller, polish.generation, tuple(e.reward for e in episodes)))
         score = Score.of(evaluator.evaluate([entry.controller], report_seeds(REPORT_EPISODES))[0])
-        champion = _champion(settings, polish, entry.controller, Score(len(rewards), *_statistics(rewards)), score)
+        champion = _champion(settings, polish, entry.controller, selection, score)
         folder.save_champion(champion)
         if front:
             entries = polish.front()
@@ -264,7 +266,7 @@ def _champion(
     return Champion(controller, settings.action, settings.environment, provenance)
 
 
-def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[float]]:
+def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[EpisodeResult]]:
     """The best of the ranking's first on the selection seeds; for size, the smallest that is surely above the floor.
 
     None of more bytes than wanted, unless there is no other.
@@ -273,24 +275,18 @@ def _choose(polish: Polish, evaluator: Evaluator) -> tuple[Entry, list[float]]:
     ranking = polish.ranking()
     finalists = [entry for entry in ranking[:FINALISTS] if not goal.excess(entry.size)] or ranking[:FINALISTS]
     results = evaluator.evaluate([e.controller for e in finalists], selection_seeds(SELECTION_EPISODES))
-    rewards = [[episode.reward for episode in row] for row in results]
+    scores = [Score.of(row) for row in results]
 
     def rank(index: int) -> tuple[bool, float, float]:
-        mean, std, *_ = _statistics(rewards[index])
-        value = mean - goal.risk * std
+        score = scores[index]
+        value = score.mean - goal.risk * score.std
         if goal.objective == "size":
-            above = value - 2 * std / math.sqrt(len(rewards[index])) >= goal.floor
+            above = value - 2 * score.std / math.sqrt(score.episodes) >= goal.floor
             return not above, finalists[index].size if above else 0, -value
         return False, -value, finalists[index].size
 
     best = min(range(len(finalists)), key=rank)
-    return finalists[best], rewards[best]
-
-
-def _statistics(values: Sequence[float]) -> tuple[float, float, float, float]:
-    mean = sum(values) / len(values)
-    std = math.sqrt(max(sum((value - mean) ** 2 for value in values) / len(values), 0.0))
-    return mean, std, min(values), max(values)
+    return finalists[best], results[best]
 
 
 def _csv(columns: Sequence[str], rows: Any) -> bytes:

@@ -16,7 +16,7 @@ from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.evolve.polish import Entry, Goal, Polish, _Counter
 from bitneat.evolve.polish_run import PolishFolder, PolishSettings, carry_on
-from bitneat.evolve.randomness import REPORT_START, report_seeds
+from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Score
 from bitneat.sim.environment import EpisodeResult, Shaping
 from tests.sealed import sealed
@@ -218,6 +218,17 @@ def test_the_front_is_written_as_champions_with_scores(tmp_path: Path) -> None:
         assert len(pack(champion.controller)) == size
         score = Score.of(Landscape().evaluate([champion.controller], report_seeds(100))[0])
         assert champion.provenance["held_out"] == {**score.to_data(), "first_seed": REPORT_START}
+
+
+def test_the_champions_score_is_rounded_once_as_every_score_is(tmp_path: Path) -> None:
+    """Python's own sum rounds each addition up to 3.11 and compensates from 3.12 on."""
+    folder = PolishFolder(tmp_path)
+    folder.create()
+    asked = settings("reward", 1)
+    polish = Polish(asked.start, asked.goal, asked.seed)
+    champion, _, _ = carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None)
+    episodes = Landscape().evaluate([champion.controller], selection_seeds(200))[0]
+    assert champion.provenance["selection"] == {**Score.of(episodes).to_data(), "first_seed": SELECTION_START}
 
 
 def test_settings_survive_the_file(tmp_path: Path) -> None:

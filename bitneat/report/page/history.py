@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -88,7 +89,7 @@ def _candidates(path: Path) -> list[Point]:
             if "controller" in entry:
                 size = len(pack(Controller.from_data(entry["controller"])))
                 rewards = [float(reward) for reward in entry["rewards"]]
-                found.append(Point(f"generation {int(entry['generation'])}", size, sum(rewards) / len(rewards)))
+                found.append(Point(f"generation {int(entry['generation'])}", size, statistics.fmean(rewards)))
     except (KeyError, TypeError, ValueError, ArithmeticError, RecursionError, AttributeError) as error:
         raise BitneatError(f"{path}: damaged: {type(error).__name__}") from None
     return found
