@@ -88,7 +88,10 @@ class Goal:
         return entry.mean - self.risk * entry.std
 
     def value(self, entry: Entry) -> float:
-        """What it is surely worth: that less one standard error."""
+        """That less one standard error, so that few episodes count for less.
+
+        It is no bound: who has not fallen in the episodes so far has a small deviation, and may fall in the next.
+        """
         return self.seeming(entry) - entry.std / math.sqrt(entry.episodes)
 
 
@@ -158,7 +161,7 @@ class Row:
 
     generation: int
     best: float
-    """Mean of the controller that is surely worth most, of those that are small enough if any is."""
+    """Mean of the controller whose `Goal.value` is highest, of those that are small enough if any is."""
     best_bytes: int
     smallest: int | None
     """Fewest packed bytes at or above the floor."""

@@ -340,6 +340,7 @@ def _search(trials: list[Trial], request: Request, arena: Arena, tell: Callable[
     started = {start.controller.sha256 for start in starts}
     how = {"method": "search", "generations": request.generations, "seed": request.seed, "from": str(starts[0])}
     found = [Variant(entry.controller, how) for entry in polish.ranking() if entry.controller.sha256 not in started]
-    # The start itself stays in the choice, so that a search never makes it worse on the selection seeds.
+    # The start itself stays in the choice: what is chosen is at most a standard error of the best below the best of them, by the
+    # mean less one standard error on the selection seeds. It may be worse there than the start, if it is smaller.
     finalists = sorted([*_trials(found[:_GO_ON], arena, SELECTION_EPISODES, tell), *trials[:1]], key=_order)
     return _smallest_first(finalists) + trials[1:]
