@@ -232,7 +232,7 @@ def _progress(args: argparse.Namespace, folder: RunFolder) -> Progress:
         return shown
     from bitneat.evolve.tensorboard import TensorBoardProgress
 
-    return Together((shown, TensorBoardProgress(Path(args.tensorboard or folder.path / "tensorboard"))))
+    return Together((shown, TensorBoardProgress(Path(args.tensorboard or folder.path / "tensorboard"), warn)))
 
 
 def _tell_of_linear_start_alone(config: Config) -> None:

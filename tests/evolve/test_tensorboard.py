@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import csv
+import errno
+import os
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -103,6 +106,50 @@ def test_a_resumed_run_has_each_generation_once(new: list[str], lost: bool, monk
     for tag, column in COLUMNS.items():
         assert [step for step, _ in scalars[tag]] == list(range(5)), tag
         assert [value for _, value in scalars[tag]] == pytest.approx([float(row[column]) for row in rows], rel=1e-6)
+
+
+def test_each_generation_is_on_disk_before_the_next(new: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a SIGKILL would leave it, which comes without a word."""
+    from bitneat.evolve.tensorboard import TensorBoardProgress
+
+    tell = TensorBoardProgress.generation
+    seen: list[set[int]] = []
+
+    def look(self: TensorBoardProgress, row: object, best: object) -> None:
+        tell(self, row, best)  # type: ignore[arg-type]
+        seen.append({len(steps) for steps in read(Path("run/tensorboard")).values()})
+
+    monkeypatch.setattr(TensorBoardProgress, "generation", look)
+    assert evolve(*new, "-o", "run", "--tensorboard") == 0
+    assert seen == [{1}, {2}, {3}, {4}, {5}]
+
+
+def test_a_full_disk_is_one_line_and_the_run_goes_on(
+    new: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from tensorboardX.record_writer import RecordWriter
+
+    assert evolve(*new, "-o", "without") == 0
+    write, written = RecordWriter.write, []
+
+    def full(self: RecordWriter, data: bytes) -> None:
+        written.append(data)
+        if len(written) > 4:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(self, data)
+
+    monkeypatch.setattr(RecordWriter, "write", full)
+    capsys.readouterr()
+    ended: list[int] = []
+    thread = threading.Thread(target=lambda: ended.append(evolve(*new, "-o", "run", "--tensorboard")), daemon=True)
+    thread.start()
+    thread.join(60)
+    assert ended == [0]
+    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("bitneat:")]
+    assert errors == [
+        "bitneat: --tensorboard: run/tensorboard: cannot write: No space left on device; the run goes on without"
+    ]
+    assert files(Path("run")) == files(Path("without"))
 
 
 def test_without_tensorboardx_it_says_what_to_install_before_anything_is_made(
