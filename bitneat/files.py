@@ -52,6 +52,24 @@ def write_atomic(path: str | os.PathLike[str], content: bytes) -> None:
         raise FileError(f"{path}: cannot write: {error.strerror or error}") from error
 
 
+def require_writable(path: str | os.PathLike[str]) -> None:
+    """Notice before the work, and not after it, that its result could not be written.
+
+    Raises:
+        FileError: The folder is missing or closed to us, or ``path`` is a folder. What is let pass may fail all the same.
+    """
+    target = Path(os.path.realpath(path))
+    reason = None
+    if target.is_dir():
+        reason = errno.EISDIR
+    elif not target.parent.is_dir():
+        reason = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
+    elif (target.is_file() or not target.exists()) and not os.access(target.parent, os.W_OK | os.X_OK):
+        reason = errno.EACCES
+    if reason is not None:
+        raise FileError(f"{path}: cannot write: {os.strerror(reason)}")
+
+
 def write_json(path: str | os.PathLike[str], data: Any) -> None:
     """Write ``data`` to ``path`` as indented JSON with a final newline, as `write_atomic` writes.
 

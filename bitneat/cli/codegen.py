@@ -121,6 +121,7 @@ def run(args: argparse.Namespace) -> int:
 def _names(args: argparse.Namespace) -> tuple[str, str]:
     """The prefix of C names and the stem of file names."""
     from bitneat.codegen.names import check_file_stem, check_name
+    from bitneat.files import require_writable
 
     output: Path = args.output
     if args.package:
@@ -132,6 +133,7 @@ def _names(args: argparse.Namespace) -> tuple[str, str]:
     if output.suffix != ".c" or output.is_dir():
         raise BitneatError(f"{output}: expected a file name that ends in .c")
     check_file_stem(output.stem, "-o")
+    require_writable(output)
     if args.name is None:
         return check_name(output.stem, f"{output} (choose another with --name)"), output.stem
     return check_name(args.name, "--name"), output.stem

@@ -107,6 +107,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Evolve, and leave the champion in the run folder, and in the current one if no folder was named."""
     from bitneat.evolve.run import RunFolder
+    from bitneat.files import require_writable
     from bitneat.sim.environment import allow_imports
 
     if args.ray_address is not None and args.evaluator != "ray":
@@ -115,6 +116,8 @@ def run(args: argparse.Namespace) -> int:
         raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
     allow_imports(args.imports or ())
     if args.resume is None:
+        if args.output is None:
+            require_writable("champion.pkl")
         settings = _new_settings(args)
         path = args.output or Path("runs") / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
         folder = RunFolder(path, warn)

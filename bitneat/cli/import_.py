@@ -82,13 +82,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read, convert, write."""
     from bitneat.champion import Champion
-    from bitneat.files import write_json
+    from bitneat.files import require_writable, write_json
     from bitneat.sim.environment import allow_imports
 
     allow_imports(args.imports or ())
     for option, value in {"--generations": args.generations, "--seed": args.seed}.items():
         if value is not None and args.to is None:
             raise BitneatError(f"{option}: only with --to and --method search")
+    require_writable(args.output)
     champion = _genome(args) if _kind(args.file) == "genome" else _layers(args)
     if args.to is None or (args.to == "int" and isinstance(champion, Champion)):
         summary = _write(champion, args.output)

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import difflib
-import errno
 import os
 import signal
 import sys
@@ -28,7 +27,6 @@ import threading
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
 from typing import NoReturn, Protocol, cast
 
 from bitneat.errors import BitneatError, printable
@@ -261,7 +259,9 @@ def _run(argv: list[str]) -> int:
     except SystemExit as stop:  # --help and --version, which have printed what they had to
         return int(stop.code or GOOD)
     if getattr(args, "json", None) is not None:
-        _require_writable(args.json)
+        from bitneat.files import require_writable
+
+        require_writable(args.json)
     return int(args.run(args))
 
 
@@ -274,20 +274,6 @@ def _no_such_command(name: str) -> str:
     close = difflib.get_close_matches(name, COMMANDS, n=1)
     hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
     return f"{name}: no such command; {hint}"
-
-
-def _require_writable(path: Path) -> None:
-    """Notice before the work, and not after it, that its result could not be written."""
-    target = Path(os.path.realpath(path))
-    reason = None
-    if target.is_dir():
-        reason = errno.EISDIR
-    elif not target.parent.is_dir():
-        reason = errno.ENOTDIR if target.parent.exists() else errno.ENOENT
-    elif (target.is_file() or not target.exists()) and not os.access(target.parent, os.W_OK | os.X_OK):
-        reason = errno.EACCES
-    if reason is not None:
-        raise BitneatError(f"{path}: cannot write: {os.strerror(reason)}")
 
 
 def _fail(message: str, status: int) -> int:

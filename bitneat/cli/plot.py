@@ -100,11 +100,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Draw the figure and write it."""
-    from bitneat.files import write_atomic
+    from bitneat.files import require_writable, write_atomic
     from bitneat.report.figure import file_format, require_matplotlib
 
     file_type = file_format(args.output)
     require_matplotlib()
+    require_writable(args.output)
     write_atomic(args.output, args.draw(args, file_type))
     print(f"wrote {args.output}")
     return 0

@@ -76,11 +76,13 @@ def add_method(parser: argparse._ActionsContainer) -> None:
 def run(args: argparse.Namespace) -> int:
     """Quantize, compare, write."""
     from bitneat.champion import Champion, load_any
+    from bitneat.files import require_writable
     from bitneat.sim.environment import allow_imports
 
     allow_imports(args.imports or ())
     if args.output.exists() and args.champion.exists() and args.output.samefile(args.champion):
         raise BitneatError(f"-o {args.output}: is the champion itself; give another name")
+    require_writable(args.output)
     source = load_any(args.champion)
     if args.frac_bits is not None and isinstance(source, Champion):
         raise BitneatError("--frac-bits: an integer champion keeps its own")

@@ -82,11 +82,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the episode, and write its pictures."""
     from bitneat.champion import load_any
-    from bitneat.files import write_atomic, write_json
+    from bitneat.files import require_writable, write_atomic, write_json
     from bitneat.report import film, pictures
     from bitneat.sim.environment import allow_imports
 
     kind = _kind(args)
+    require_writable(args.output)
     film.require_pillow()
     if kind == "mp4":
         film.require_ffmpeg()
@@ -135,8 +136,6 @@ def _kind(args: argparse.Namespace) -> str:
     suffix = args.output.suffix.lower().lstrip(".")
     if suffix not in _WIDTHS:
         raise BitneatError(f"{args.output}: expected a name that ends in .gif, .mp4 or .png")
-    if not args.output.resolve().parent.is_dir():  # to be known before the episode, and not after it
-        raise BitneatError(f"{args.output}: cannot write: its folder does not exist")
     if args.fps is not None and not 0 < args.fps <= 1000:
         raise BitneatError(f"--fps {args.fps:g}: expected a number above 0, up to 1000")
     wrong = ("every", "fps") if suffix == "png" else ("frames",)

@@ -80,14 +80,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record, measure, verify, and write the page; 1 if the verification fails, which the page then says."""
-    from bitneat.files import write_atomic, write_json
+    from bitneat.files import require_writable, write_atomic, write_json
     from bitneat.report.page import build_page
     from bitneat.sim.environment import allow_imports
 
     if args.output.is_dir():
         raise BitneatError(f"{args.output}: is a folder, expected the name of an HTML file")
-    if not args.output.resolve().parent.is_dir():  # to be known before the work, and not after it
-        raise BitneatError(f"{args.output}: cannot write: its folder does not exist")
+    require_writable(args.output)
     allow_imports(args.imports)
     with _progress() as progress:
         sources = _sources(args, progress)

@@ -248,5 +248,31 @@ def test_a_result_that_cannot_be_written_is_noticed_before_the_work(
     for command in ("verify", "size"):
         assert main([command, "nothing.pkl", "--json", name]) == 2
         assert capsys.readouterr().err == f"bitneat: {name}: cannot write: {reason}\n"
+    for command in ("quantize", "import", "report"):
+        assert main([command, "nothing.pkl", "-o", name]) == 2
+        expected = "is a folder, expected the name of an HTML file" if (command, name) == ("report", ".") else None
+        assert capsys.readouterr().err == f"bitneat: {name}: {expected or f'cannot write: {reason}'}\n"
     assert main(["size", "nothing.pkl", "--json", "/dev/stdout"]) == 2
     assert "nothing.pkl: cannot read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["codegen nothing.pkl -o no/x.c", "render nothing.pkl -o no/x.png", "plot network nothing.pkl -o no/x.svg"],
+)
+def test_a_folder_that_is_missing_is_noticed_before_the_champion_is_read(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(command.split()) == 2
+    assert re.fullmatch(r"bitneat: no/x\.\w+: cannot write: No such file or directory\n", capsys.readouterr().err)
+
+
+def test_a_run_that_could_not_leave_its_champion_here_is_not_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("champion.pkl").mkdir()
+    assert main(["evolve", "--env", "CartPole-v1", "--generations", "1", "--pop", "4", "--workers", "1"]) == 2
+    assert capsys.readouterr().err == "bitneat: champion.pkl: cannot write: Is a directory\n"
+    assert not Path("runs").exists()

@@ -148,7 +148,7 @@ def test_hardcore_and_float_champions(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["-o", "a.avi"], "bitneat: a.avi: expected a name that ends in .gif, .mp4 or .png"),
-        (["-o", "none/a.gif"], "bitneat: none/a.gif: cannot write: its folder does not exist"),
+        (["-o", "none/a.gif"], "bitneat: none/a.gif: cannot write: No such file or directory"),
         (["-o", "a.gif", "--fps", "0"], "--fps 0: expected a number above 0, up to 1000"),
         (["-o", "a.gif", "--fps", "nan"], "--fps nan: expected a number above 0, up to 1000"),
         (["-o", "a.gif", "--frames", "3"], "--frames: not of a .gif"),
