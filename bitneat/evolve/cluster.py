@@ -3,7 +3,8 @@
 
 What an episode gives depends on controller, seed and environment alone, and results are put back by their place, so neither the
 number of machines nor their order of finishing can show. What could show is asked of every machine before it runs anything: its
-version of bitneat and its C library's trigonometry. A task whose worker or whole machine dies runs again elsewhere.
+versions of bitneat and of the packages that simulate, and its C library's trigonometry. A task whose worker or whole machine dies
+runs again elsewhere.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib import metadata
+from itertools import islice
 from types import FrameType
 from typing import Any
 
@@ -28,7 +32,7 @@ from bitneat.errors import BitneatError, MissingExtraError
 from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
 from bitneat.network import Policy
 from bitneat.sim.environment import EpisodeResult, Shaping, allow_imports, allowed_imports
-from bitneat.sim.walker.trigonometry import probe_for, refuse_other
+from bitneat.sim.walker.trigonometry import probe, refuse_other
 from bitneat.version import __version__
 
 TASKS_A_CORE = 4
@@ -40,7 +44,18 @@ RETRIES = 20
 _PATIENCE_SECONDS = 60.0
 _POLL_SECONDS = 0.2
 _KNOCK_SECONDS = 10.0
-_HOST_AND_PORT = re.compile(r"(ray://)?(?P<host>[^/]+):(?P<port>\d{1,5})")
+_ADDRESS = re.compile(r"(?P<client>ray://)?(?P<host>\[[^]/]+\]|[^/:]+)(:(?P<port>\d{1,5}))?")
+_PORTS = {True: 10001, False: 6379}
+"""Ray's own, of a client (``ray://``) and of the head."""
+_PACKAGES = {
+    "gymnasium": ("gymnasium",),
+    "numpy": ("numpy",),
+    "Box2D": ("box2d", "box2d-py"),
+    "mujoco": ("mujoco",),
+    "neat-python": ("neat-python",),
+}
+"""What decides how an episode goes, by what installs it."""
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 @dataclass(frozen=True)
@@ -86,7 +101,7 @@ class RayEvaluator:
         max_steps: the time limit of an episode.
         simulator: as `bitneat.evolve.simulators.choose` returns it; every machine must have it.
         address: of the cluster, as of ``ray.init``; None starts one on this machine, unless ``RAY_ADDRESS`` is set.
-        workers: cores of a cluster that is started here; None for all.
+        workers: cores to use at most, of a cluster that is started here or of one at an address; None for all.
         warn: told in a line when nothing has come back for long.
 
     Raises:
@@ -110,11 +125,12 @@ class RayEvaluator:
         self.spec, self.action, self.max_steps = spec, action, max_steps
         self._least = LEAST_EPISODES[simulator]
         self._mine = not self._ray.is_initialized()
-        if self._mine:
-            _connect(self._ray, address, workers)
-        home = _Home(spec, action, max_steps, simulator, probe_for(spec), tuple(allowed_imports()))
-        # The version stands outside: another one may not be able to read the rest.
-        self._home = self._ray.put((__version__, pickle.dumps(home)))
+        local = self._mine and _connect(self._ray, address, workers)
+        self._most = None if local else workers
+        """Tasks that may be under way at a time; a cluster of our own has no more cores, and may have its next ones ready."""
+        home = _Home(spec, action, max_steps, simulator, probe(), tuple(allowed_imports()))
+        # The versions stand outside: another one may not be able to read the rest.
+        self._home = self._ray.put(({"bitneat": __version__, **_versions()}, pickle.dumps(home)))
         self._task = self._ray.remote(num_cpus=1, max_retries=RETRIES)(_run)
 
     def evaluate(
@@ -128,6 +144,8 @@ class RayEvaluator:
         try:
             with _deferred_signals() as deliver:
                 return self._evaluate(controllers, seeds, shaping, deliver)
+        except self._ray.exceptions.RayTaskError as error:
+            raise BitneatError(f"--evaluator ray: {_task_failure(error)}") from None
         except (self._ray.exceptions.RayError, ConnectionError) as error:
             raise BitneatError(f"--evaluator ray: the cluster was lost: {_first_line(error)}") from None
 
@@ -140,12 +158,17 @@ class RayEvaluator:
     ) -> list[list[EpisodeResult]]:
         cores = int(self._ray.cluster_resources().get("CPU", 1))
         owners: dict[Any, Chunk] = {}
-        for chunk in chunks(len(controllers), len(seeds), cores, self._least):
-            job = pickle.dumps((list(controllers[chunk.controllers]), list(seeds[chunk.seeds]), shaping))
-            owners[self._task.remote(self._home, job)] = chunk
+
+        def started() -> Iterator[Any]:
+            for chunk in chunks(len(controllers), len(seeds), min(cores, self._most or cores), self._least):
+                job = pickle.dumps((list(controllers[chunk.controllers]), list(seeds[chunk.seeds]), shaping))
+                reference = self._task.remote(self._home, job)
+                owners[reference] = chunk
+                yield reference
+
         table: list[list[Any]] = [[None] * len(seeds) for _ in controllers]
         try:
-            for reference in self._finished(list(owners), deliver):
+            for reference in self._finished(started(), deliver):
                 kind, content = self._ray.get(reference)
                 if kind == "error":
                     raise BitneatError(content)
@@ -163,8 +186,12 @@ class RayEvaluator:
             raise
         return table
 
-    def _finished(self, pending: list[Any], deliver: Callable[[], None]) -> Iterator[Any]:
-        """References as they come in; ``deliver`` is called at least every `_POLL_SECONDS`."""
+    def _finished(self, started: Iterator[Any], deliver: Callable[[], None]) -> Iterator[Any]:
+        """References as they come in; to take one from ``started`` starts its task.
+
+        ``deliver`` is called at least every `_POLL_SECONDS`.
+        """
+        pending = list(islice(started, self._most))
         heard = time.monotonic()
         while pending:
             done, pending = self._ray.wait(pending, num_returns=1, timeout=_POLL_SECONDS)
@@ -175,6 +202,7 @@ class RayEvaluator:
                 heard = time.monotonic()
                 nodes = sum(bool(node["Alive"]) for node in self._ray.nodes())
                 self._warn(f"waiting for {len(pending)} tasks; nodes that are up: {nodes}")
+            pending += islice(started, len(done))
             yield from done
 
     def close(self) -> None:
@@ -227,8 +255,9 @@ def _ray() -> Any:
     return ray
 
 
-def _connect(ray: Any, address: str | None, workers: int | None) -> None:
-    address = address or os.environ.get("RAY_ADDRESS") or "local"
+def _connect(ray: Any, address: str | None, workers: int | None) -> bool:
+    """Connect to a cluster, or start one; returns whether it was started."""
+    address = _with_port(address or os.environ.get("RAY_ADDRESS") or "local")
     options: dict[str, Any] = {"address": address, "log_to_driver": False, "logging_level": "error"}
     if address == "local":  # for this process alone, so it listens to this machine alone
         options |= {"num_cpus": workers, "include_dashboard": False, "_node_ip_address": "127.0.0.1"}
@@ -242,29 +271,67 @@ def _connect(ray: Any, address: str | None, workers: int | None) -> None:
         # Ray puts its own in the place of ours, which ends a run with its checkpoint kept and a line on how to go on.
         if handler is not None and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, handler)
+    return address == "local"
+
+
+def _with_port(address: str) -> str:
+    """The address with Ray's own port where it names a machine alone."""
+    found = _ADDRESS.fullmatch(address)
+    if found is None or found["port"] is not None or address in ("auto", "local"):
+        return address
+    return f"{address}:{_PORTS[found['client'] is not None]}"
 
 
 def _knock(address: str) -> None:
     """Fail at once where nobody listens; Ray itself would go on trying for many minutes."""
-    found = _HOST_AND_PORT.fullmatch(address)
-    if found is not None:
+    found = _ADDRESS.fullmatch(address)
+    if found is not None and found["port"] is not None:
         socket.create_connection((found["host"].strip("[]"), int(found["port"])), _KNOCK_SECONDS).close()
 
 
-def _run(versioned: tuple[str, bytes], job: bytes) -> tuple[str, Any]:
+def _run(versioned: tuple[dict[str, str], bytes], job: bytes) -> tuple[str, Any]:
     """What a task does, in a worker anywhere; both arguments come from the run's own process."""
-    version, home_data = versioned
+    versions, home_data = versioned
     where = f"node {platform.node()}"
     try:
-        if version != __version__:
-            raise BitneatError(f"{where}: has bitneat {__version__}, expected {version}, as where the run began")
+        _refuse_other_versions(versions, where)
         home: _Home = pickle.loads(home_data)
-        refuse_other(home.trigonometry, where)
+        if (here := _trigonometry()) is not None:
+            refuse_other(home.trigonometry, where, here)
+    except BitneatError as error:
+        return "error", str(error)
+    try:
         allow_imports(home.imports)
         controllers, seeds, shaping = pickle.loads(job)
         return "episodes", _local(home).evaluate(controllers, seeds, shaping)
     except BitneatError as error:
-        return "error", str(error)
+        return "error", f"{where}: {error}"
+
+
+@cache
+def _trigonometry() -> str | None:
+    """Once in a process, and not for each task; None without a C compiler, which is then not looked for again."""
+    return probe()
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Of the packages that are installed here, of those that decide how an episode goes."""
+    found = {}
+    for name, distributions in _PACKAGES.items():
+        for distribution in distributions:
+            with contextlib.suppress(metadata.PackageNotFoundError):
+                found[name] = metadata.version(distribution)
+                break
+    return found
+
+
+def _refuse_other_versions(expected: dict[str, str], where: str) -> None:
+    """What is missing on either side is let pass: episodes that need it fail by its name."""
+    here = {"bitneat": __version__, **_versions()}
+    for name, version in expected.items():
+        if here.get(name, version) != version:
+            raise BitneatError(f"{where}: has {name} {here[name]}, expected {version}, as where the run began")
 
 
 def _local(home: _Home) -> Evaluator:
@@ -273,5 +340,17 @@ def _local(home: _Home) -> Evaluator:
     return GymnasiumEvaluator(home.spec, home.action, home.max_steps, 1, home.simulator)
 
 
+def _task_failure(error: Exception) -> str:
+    """Where a task failed, and the last line of why: of what Ray wraps, whose own text is a traceback in colours."""
+    text = _COLOUR.sub("", str(error))
+    node = getattr(error, "ip", None) or (
+        match[1] if (match := re.search(r"\bip=([0-9a-fA-F.:]+)", text)) else "unknown"
+    )
+    cause = getattr(error, "cause", None) or error
+    lines = _COLOUR.sub("", str(cause)).strip().splitlines()
+    reason = f"{type(cause).__name__}: {lines[0]}" if len(lines) == 1 else (lines or [type(cause).__name__])[-1]
+    return f"node {node}: a task failed: {reason.strip()[:200]}"
+
+
 def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
+    return (_COLOUR.sub("", str(error)).strip().splitlines() or [type(error).__name__])[0][:200]

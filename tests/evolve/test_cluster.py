@@ -132,14 +132,18 @@ def rows(folder: Path) -> int:
     return history.read_bytes().count(b"\n") - 1 if history.exists() else 0
 
 
-def refuses_machines_that_differ(nodes: Nodes) -> None:
-    """By name, before they run anything."""
+def refuses_machines_that_differ_and_names_those_that_fail(nodes: Nodes) -> None:
+    """And keeps to the cores that it may use."""
     command = [sys.executable, "-m", "tests.evolve.ray_process", "refusals", nodes.address]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
     assert done.returncode == 0, done.stderr
-    version, trigonometry = done.stdout.splitlines()
+    version, package, trigonometry, environment, failure, cores = done.stdout.splitlines()
     assert re.fullmatch(r"node .*: has bitneat .*, expected 9\.9, as where the run began", version)
+    assert re.fullmatch(r"node .*: has numpy [\d.]+, expected 0\.1, as where the run began", package)
     assert re.search(r"node .*: trigonometry: expected a C library", trigonometry)
+    assert re.match(r"node \S+: environment Nowhere-v0: ", environment)
+    assert re.fullmatch(r"--evaluator ray: node [\d.]+: a task failed: ZeroDivisionError: by zero", failure)
+    assert cores == "4 True"
 
 
 def stops_on_sigterm_as_without_ray(nodes: Nodes, folder: Path) -> None:
@@ -158,7 +162,7 @@ def stops_on_sigterm_as_without_ray(nodes: Nodes, folder: Path) -> None:
 def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_bytes(
     nodes: Nodes, local: Path, tmp_path: Path
 ) -> None:
-    refuses_machines_that_differ(nodes)  # here, since a cluster takes long to start
+    refuses_machines_that_differ_and_names_those_that_fail(nodes)  # here, since a cluster takes long to start
     stops_on_sigterm_as_without_ray(nodes, tmp_path / "stopped")
     folder = tmp_path / "ray"
     command = [sys.executable, "-m", "bitneat", "evolve", *SETTINGS, "-o", str(folder)]
@@ -175,6 +179,27 @@ def test_a_run_survives_kill_9_of_a_worker_and_of_a_node_and_ends_with_the_same_
     assert process.returncode == 0, error
     for name in ("champion.pkl", "history.csv", "report.json"):
         assert (folder / name).read_bytes() == (local / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("address", "knocked"), [("127.0.0.9", "127.0.0.9:6379"), ("ray://127.0.0.9", "ray://127.0.0.9:10001")]
+)
+def test_an_address_without_a_port_is_knocked_at_where_ray_would_be(
+    address: str, knocked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    began = time.monotonic()
+    arguments = ["evolve", *SETTINGS, "-o", str(tmp_path / "run"), "--evaluator", "ray", "--ray-address", address]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"bitneat: --ray-address {knocked}: no cluster: [Errno 111] Connection refused"
+    )
+    assert time.monotonic() - began < 60
+
+
+@pytest.mark.parametrize("address", ["auto", "local", "ray://host:7", "10.0.0.7:6379", "[::1]:6379", "http://host/x"])
+def test_other_addresses_are_left_alone(address: str) -> None:
+    assert clusters._with_port(address) == address
+    assert clusters._with_port("[::1]") == "[::1]:6379"
 
 
 def test_where_there_is_no_cluster_it_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,5 +44,5 @@ def refuse_other(expected: str | None, where: str, here: str | None = None) -> N
     if found is not None and found != expected:
         raise BitneatError(
             f"{where}: trigonometry: expected a C library whose sinf, cosf and atan2f hash to {expected}, as where the run"
-            f" began, got {found}; its walkers would walk otherwise"
+            f" began, got {found}; its episodes would go otherwise"
         )
