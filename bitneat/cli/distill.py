@@ -13,6 +13,7 @@ from bitneat.cli.outcome import controller_data, print_champion
 from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
+    from bitneat.champion import FloatChampion
     from bitneat.distill.imitation import RoundRow
     from bitneat.distill.run import ReinforceRow, RoundingRow
 
@@ -90,6 +91,7 @@ def run(args: argparse.Namespace) -> int:
     teacher = load_any(args.teacher)
     if not isinstance(teacher, FloatChampion):
         raise BitneatError(f"{args.teacher}: is a controller already; expected a float champion")
+    _require_walkers(teacher, args.teacher)
     try:
         from bitneat.distill.imitation import DistillSettings
         from bitneat.distill.reinforcement import ReinforceSettings
@@ -118,6 +120,20 @@ def run(args: argparse.Namespace) -> int:
 
         write_json(args.json, summary)
     return 0
+
+
+def _require_walkers(teacher: FloatChampion, path: Path) -> None:
+    """A file may name the walker and hold anything: to be known before the run is begun."""
+    from bitneat.sim.bipedal import is_walker
+    from bitneat.sim.walker.episodes import ACTION, NUM_INPUTS
+
+    spec = teacher.environment
+    if spec is None or not is_walker(spec):
+        raise BitneatError(f"{path}: expected a teacher for BipedalWalker-v3 or BipedalWalkerHardcore-v3")
+    if teacher.network.num_inputs != NUM_INPUTS:
+        raise BitneatError(f"{path}: has {teacher.network.num_inputs} inputs, {spec.id} gives {NUM_INPUTS}")
+    if teacher.action != ACTION:
+        raise BitneatError(f"{path}: is for another action space than that of {spec.id}")
 
 
 def _tell(row: RoundRow | ReinforceRow | RoundingRow) -> None:

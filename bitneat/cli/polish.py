@@ -129,6 +129,8 @@ def _polish(
     sizes = {(len(c.inputs), len(c.outputs)) for c in settings.start}
     if sizes != {(info.num_inputs, info.action.num_outputs)}:
         raise BitneatError(f"{spec.id}: the champions do not fit it, or one another")
+    if settings.action != info.action:
+        raise BitneatError(f"{spec.id}: the champions are for another action space than its own")
     simulator = choose_simulator(spec, args.simulator)
     if args.resume is None:
         folder.create()

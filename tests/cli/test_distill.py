@@ -11,6 +11,7 @@ import pytest
 
 from bitneat.champion import EnvironmentSpec, FloatChampion, save_pickle
 from bitneat.cli import main
+from bitneat.controller import Action, DiscreteAction
 from bitneat.network import FloatNetwork, FloatNode
 from bitneat.sim.walker.episodes import ACTION
 
@@ -60,6 +61,31 @@ def test_bad_arguments_are_one_line_and_exit_status_2(
     assert expected in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("num_inputs", "environment", "action", "message"),
+    [
+        (23, "BipedalWalker-v3", ACTION, "has 23 inputs, BipedalWalker-v3 gives 24"),
+        (24, "BipedalWalker-v3", DiscreteAction(4), "is for another action space than that of BipedalWalker-v3"),
+        (24, "Pendulum-v1", ACTION, "expected a teacher for BipedalWalker-v3 or BipedalWalkerHardcore-v3"),
+    ],
+)
+def test_a_teacher_of_something_else_is_refused_before_a_run_is_begun(
+    num_inputs: int,
+    environment: str,
+    action: Action,
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    nodes = tuple(FloatNode(((i, 0.5),), 0.1, 1.0, "clamped") for i in range(4))
+    network = FloatNetwork(num_inputs, nodes, tuple(range(num_inputs, num_inputs + 4)))
+    path = tmp_path / "teacher.pkl"
+    save_pickle(FloatChampion(network, action, EnvironmentSpec(environment), {}), path)
+    assert main(["distill", str(path), "-o", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err == f"bitneat: {path}: {message}\n"
+    assert not (tmp_path / "run").exists()
 
 
 def test_rounds_are_told_and_the_same_command_has_the_result_again(

@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from bitneat.controller import DiscreteAction
 from bitneat.files import sole_user
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "champions" / "acrobot.json"
@@ -67,3 +69,13 @@ def test_bad_input_is_one_line(
     assert message in error
     assert error.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_champion_for_another_action_space_is_refused_before_a_run_is_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    champion = champions.load(EXAMPLE)
+    champions.save_json(replace(champion, action=DiscreteAction(3, start=1)), tmp_path / "other.json")
+    assert main(["polish", str(tmp_path / "other.json"), "--generations", "1", "-o", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err == "bitneat: Acrobot-v1: the champions are for another action space than its own\n"
+    assert not (tmp_path / "run").exists()
