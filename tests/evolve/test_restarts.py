@@ -118,7 +118,9 @@ def test_patience_is_for_what_is_bred_after_the_linear_start() -> None:
         ) -> list[list[EpisodeResult]]:
             if seeds[0] >= SELECTION:
                 self.constant -= 1.0
-                return [[EpisodeResult(self.constant, self.constant, 5, True, False) for _ in seeds] for _ in controllers]
+                return [
+                    [EpisodeResult(self.constant, self.constant, 5, True, False) for _ in seeds] for _ in controllers
+                ]
             return super().evaluate(controllers, seeds, shaping)
 
     going, landscape = search(restart_after=3, linear_generations=8, generations=100), Fading()
