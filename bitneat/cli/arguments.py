@@ -4,13 +4,50 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable
 from pathlib import Path
+
+from bitneat.errors import BitneatError
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
     """Add ``--json FILE``; write the result with `bitneat.files.write_json` if ``args.json`` is not None."""
     parser.add_argument("--json", metavar="FILE", type=Path, help="write the result as JSON to FILE, too")
+
+
+NO_LIMIT = math.inf
+"""What ``--time none`` is read as."""
+
+
+def add_time(parser: argparse._ActionsContainer) -> None:
+    """Add ``--time``; `time_limit` says what it comes to."""
+    parser.add_argument(
+        "--time",
+        metavar="SECONDS",
+        type=_seconds,
+        help="stop after SECONDS; such a run is not reproducible. With --resume, none lifts the limit",
+    )
+
+
+def _seconds(text: str) -> float:
+    try:
+        return NO_LIMIT if text == "none" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds, or none") from None
+
+
+def time_limit(given: float | None, before: float | None = None) -> float | None:
+    """Seconds after which to stop, or None: as ``--time`` says, or as ``before`` if it was not given.
+
+    Raises:
+        BitneatError: if it is no time.
+    """
+    if given is None:
+        return before
+    if not given > 0:
+        raise BitneatError(f"--time {given}: expected a number of seconds above 0, or none")
+    return None if given == NO_LIMIT else given
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.arguments import add_json, add_time, time_limit, whole_number
 from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -73,9 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     search.add_argument(
         "--generations", metavar="N", type=whole_number(1), help="generations; with --resume, a new total"
     )
-    search.add_argument(
-        "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
-    )
+    add_time(search)
     search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
     running = parser.add_argument_group("how it runs, which changes no result")
     add_simulator(running)
@@ -112,8 +110,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.ray_address is not None and args.evaluator != "ray":
         raise BitneatError("--ray-address: only with --evaluator ray")
-    if args.time is not None and not 0 < args.time < float("inf"):
-        raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
+    time_limit(args.time)  # to refuse what is none before anything else
     allow_imports(args.imports or ())
     if args.resume is None:
         if args.output is None:
@@ -268,7 +265,7 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
         from bitneat.sim.environment import inspect
 
         config, start = starting_point(load_any(args.start), config, inspect(spec), f"--start {args.start}")
-    return RunSettings(spec, config, args.seed or 0, args.time, trigonometry=probe_for(spec), start=start)
+    return RunSettings(spec, config, args.seed or 0, time_limit(args.time), trigonometry=probe_for(spec), start=start)
 
 
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
@@ -300,7 +297,7 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
         raise BitneatError(
             f"--resume {folder.path}: has completed {done} generations, more than the {wanted} asked for"
         )
-    return replace(settings, config=config, seconds=settings.seconds if args.time is None else args.time)
+    return replace(settings, config=config, seconds=time_limit(args.time, settings.seconds))
 
 
 def _as_begun(where: str, config: Config, settings: RunSettings) -> Config:

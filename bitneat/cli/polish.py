@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.arguments import add_json, add_time, time_limit, whole_number
 from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -62,9 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole_number(1),
         help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
     )
-    search.add_argument(
-        "--time", metavar="SECONDS", type=float, help="stop after SECONDS; such a run is not reproducible"
-    )
+    add_time(search)
     search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
     running = parser.add_argument_group("how it runs, which changes no result")
     running.add_argument(
@@ -91,8 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.evolve.polish_run import PolishFolder
     from bitneat.sim.environment import allow_imports
 
-    if args.time is not None and not 0 < args.time < float("inf"):
-        raise BitneatError(f"--time {args.time}: expected a number of seconds above 0")
+    time_limit(args.time)  # to refuse what is none before anything else
     if args.floor is not None and not abs(args.floor) < float("inf"):
         raise BitneatError(f"--floor {args.floor}: expected a finite reward")
     if args.risk is not None and not 0 <= args.risk < float("inf"):
@@ -202,7 +199,7 @@ def _new_settings(args: argparse.Namespace) -> PolishSettings:
         args.generations or DEFAULT_GENERATIONS,
         args.seed or 0,
         min(limits),
-        args.time,
+        time_limit(args.time),
         probe_for(first.environment),
     )
 
@@ -233,4 +230,4 @@ def _resumed(args: argparse.Namespace, folder: PolishFolder) -> tuple[PolishSett
                 f" {args.generations} asked for"
             )
         settings = replace(settings, generations=args.generations)
-    return replace(settings, seconds=settings.seconds if args.time is None else args.time), polish, history
+    return replace(settings, seconds=time_limit(args.time, settings.seconds)), polish, history

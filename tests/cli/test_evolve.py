@@ -283,6 +283,7 @@ def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
         (["--pop", "1"], "--pop"),
         (["--generations", "0"], "--generations"),
         (["--time", "-1"], "--time -1.0: expected"),
+        (["--time", "nan"], "--time nan: expected a number of seconds above 0, or none"),
         (["--workers", "0"], "--workers"),
         (["--seed", "-1"], "--seed"),
         (["--resume", "nowhere"], "--resume nowhere: holds no run"),
@@ -363,3 +364,13 @@ def test_a_second_interrupt_while_it_closes_leaves_the_terminal_as_it_was_and_sa
     assert main(["evolve", "--env", "CartPole-v1", "--config", tiny, "--workers", "1", "-o", "run"]) == 130
     assert closed == ["the view"]
     assert capsys.readouterr().err.splitlines()[-1] == "bitneat: stopped; continue with: bitneat evolve --resume run"
+
+
+def test_a_time_limit_can_be_lifted_and_the_run_is_then_as_if_it_had_had_none(tiny: str) -> None:
+    arguments = ["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "3", "--workers", "1"]
+    assert main([*arguments, "-o", "whole"]) == 0
+    assert main([*arguments, "-o", "cut", "--time", "1e-9"]) == 0
+    assert json.loads(Path("cut/run.json").read_text())["seconds"] == 1e-9
+    assert main(["evolve", "--resume", "cut", "--time", "none", "--workers", "1"]) == 0
+    for path in (path for path in Path("whole").rglob("*") if path.is_file()):
+        assert (Path("cut") / path.relative_to("whole")).read_bytes() == path.read_bytes(), path
