@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,70 @@ class Result:
         write_atomic(path, seal({"format": FORMAT, **asdict(self)}))
 
 
+def _is_whole(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max  # no NaN either
+
+
+def _is_score(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and {"episodes", "mean", "std", "min", "max"} <= set(value)
+        and _is_whole(value["episodes"])
+        and all(map(_is_number, value.values()))
+    )
+
+
+def _is_policy(value: Any) -> bool:
+    return isinstance(value, dict) and any(isinstance(value.get(kind), dict) for kind in ("network", "controller"))
+
+
+def _is_history(value: Any) -> bool:
+    return isinstance(value, dict) and all(isinstance(c, list) and all(map(_is_number, c)) for c in value.values())
+
+
+def _is_growth(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(entry, dict) and _is_whole(entry.get("generation")) and _is_policy(entry.get("policy"))
+        for entry in value
+    )
+
+
+def _are_notes(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and isinstance(value.get("how", {}), dict)
+        and all(_is_score(value[name]) for name in ("before", "selection", "library_held_out") if name in value)
+    )
+
+
+def _or_none(is_right: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: value is None or is_right(value)
+
+
+_TEXT = (lambda value: isinstance(value, str), "text")
+_WHOLE = (_is_whole, "a whole number from 0")
+_WHOLE_OR_NULL = (_or_none(_is_whole), "a whole number from 0, or null")
+_SCORE = "a score: episodes, mean, std, min, max"
+_EXPECTED: Mapping[str, tuple[Callable[[Any], bool], str]] = {
+    **dict.fromkeys(("job", "group", "system", "command"), _TEXT),
+    **dict.fromkeys(("seed", "episodes", "steps", "generations", "nodes", "links"), _WHOLE),
+    **dict.fromkeys(("packed_bytes", "float_bytes", "paper_nodes", "paper_links"), _WHOLE_OR_NULL),
+    "paper_max": (_or_none(_is_number), "a number, or null"),
+    "config": (lambda value: isinstance(value, dict), "an object"),
+    "heldout": (_is_score, _SCORE),
+    "hardcore": (_or_none(_is_score), f"{_SCORE}; or null"),
+    "history": (_is_history, "columns of numbers"),
+    "growth": (_is_growth, "a list of generations and policies"),
+    "policy": (_or_none(_is_policy), "a network or a controller, or null"),
+    "notes": (_are_notes, "an object of scores and how the result was made"),
+}
+"""What a file must have in each field for all that reads it later."""
+
+
 def load(path: Path) -> Result:
     """Read a result.
 
@@ -74,16 +139,30 @@ def load(path: Path) -> Result:
     known = {entry.name for entry in fields(Result)}
     if not isinstance(data, dict) or data.pop("format", None) != FORMAT or not set(data) <= known:
         raise BitneatError(f"{path}: expected a result of bitneat reproduce ('format': {FORMAT!r})")
+    for name, (is_right, expected) in _EXPECTED.items():
+        if name in data and not is_right(data[name]):
+            raise BitneatError(f"{path}: damaged: {name}: expected {expected}")
     try:
         return Result(**{**data, "growth": tuple(data.get("growth", ()))})
-    except TypeError as error:
+    except TypeError as error:  # a key is missing
         raise BitneatError(f"{path}: damaged: {error}") from None
 
 
 def load_all(folder: Path) -> dict[str, Result]:
-    """Every result in a folder, by job."""
-    results = [load(path) for path in sorted(folder.glob("*.json"))] if folder.is_dir() else []
-    return {result.job: result for result in results}
+    """Every result in a folder, by job.
+
+    Raises:
+        BitneatError: if a file is damaged, or has another name than its job's, as a copy of it has: it would count in its place.
+    """
+    results = {}
+    for path in sorted(folder.glob("*.json")) if folder.is_dir() else ():
+        result = load(path)
+        if path.stem != result.job:
+            raise BitneatError(
+                f"{path}: is the result of {result.job!r:.80}; expected it in a file of that name: remove or rename it"
+            )
+        results[result.job] = result
+    return results
 
 
 def policy_to_data(policy: Policy) -> dict[str, Any]:

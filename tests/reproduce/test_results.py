@@ -16,9 +16,10 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.config import load as load_config
 from bitneat.reproduce.claims import UNTESTED, claims
 from bitneat.reproduce.experiments import BASELINES, BUDGETS, SCENARIOS, SYSTEMS, jobs
-from bitneat.reproduce.results import Result, load
+from bitneat.reproduce.results import Result, load, load_all
 from bitneat.reproduce.running import best_cell, configuration, mismatch
 from bitneat.reproduce.tables import grid, markdown, quantization, scenarios, table_one, tables
+from tests.sealed import sealed
 
 SCORE = {"episodes": 100, "mean": 10.0, "std": 1.0, "min": 5.0, "max": 12.0}
 
@@ -217,7 +218,7 @@ def test_more_scenarios_help_only_if_each_step_does() -> None:
 
 
 def test_a_result_comes_back_from_its_file(tmp_path: Path) -> None:
-    saved = result("bit-1", growth=({"generation": 3, "policy": {}},))
+    saved = result("bit-1", growth=({"generation": 3, "policy": {"controller": {}}},))
     saved.save(tmp_path / "bit-1.json")
     assert load(tmp_path / "bit-1.json") == saved
 
@@ -233,6 +234,39 @@ def test_a_damaged_result_is_refused_by_name(tmp_path: Path, text: str) -> None:
     path.write_text(json.dumps({"format": "bitneat-reproduction", "job": "x"}))
     with pytest.raises(BitneatError, match="damaged"):
         load(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("job", []), ("job", None), ("seed", "1"), ("steps", -1), ("steps", True), ("links", 1.5), ("packed_bytes", "50"),
+        ("paper_max", [1]), ("config", []), ("heldout", {}), ("heldout", None), ("heldout", {**SCORE, "episodes": "100"}),
+        ("heldout", {**SCORE, "mean": float("nan")}), ("heldout", {**SCORE, "mean": 10**400}), ("hardcore", {"mean": 1.0}),
+        ("history", {"best": 1.0}), ("history", {"best": ["a"]}), ("growth", {}), ("growth", [{"generation": 1}]),
+        ("policy", {"controller": 1}), ("policy", {}), ("notes", []), ("notes", {"how": []}), ("notes", {"before": {}}),
+    ],
+)  # fmt: skip
+def test_a_field_that_cannot_be_is_one_line_that_names_it(tmp_path: Path, name: str, value: object) -> None:
+    path = tmp_path / "bit-1.json"
+    result("bit-1").save(path)
+    assert load(path).job == "bit-1"
+    path.write_text(sealed({**json.loads(path.read_text()), name: value}))
+    with pytest.raises(BitneatError, match=rf"bit-1\.json: damaged: {name}: expected [^\n]*$"):
+        load(path)
+
+
+def test_a_copy_of_a_result_under_another_name_does_not_count_in_its_place(tmp_path: Path) -> None:
+    result("bit-1", 10.0).save(tmp_path / "bit-1.json")
+    assert load_all(tmp_path)["bit-1"].heldout["mean"] == 10.0
+    result("bit-1", 99.0).save(tmp_path / "bit-1_backup.json")
+    with pytest.raises(
+        BitneatError, match=r"bit-1_backup\.json: is the result of 'bit-1'; expected it in a file of that name"
+    ):
+        load_all(tmp_path)
+
+
+def test_the_committed_results_are_read() -> None:
+    assert len(load_all(Path(__file__).parents[2] / "docs" / "paper" / "results")) > 50
 
 
 def test_a_page_shows_numbers_as_people_read_them() -> None:
