@@ -210,7 +210,6 @@ class _Means:
 
 
 def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: bool) -> Evolved:
-    from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on
     from bitneat.evolve.setup import episode_limit
     from bitneat.evolve.simulators import choose, evaluator_for, recheck_for
@@ -223,24 +222,17 @@ def _carry_on(folder: RunFolder, settings: RunSettings, means: _Means, *, new: b
     chosen = choose(spec, means.simulator, _warn)
     if means.evaluator is not None:
         _refuse_other_evaluator(means.evaluator, spec, info.action, max_steps)
-    if new:
-        folder.create(settings)
     evaluator = means.evaluator
-    try:
-        if evaluator is None:
-            evaluator, recheck = evaluator_for(chosen, means.workers, spec, info, max_steps)
-        else:
-            recheck = recheck_for(chosen, spec, info, max_steps)
-        outcome = carry_on(folder, settings, info, evaluator, means.progress or _Silent(), check=recheck)
-    except SimulatorsDifferError:
-        raise  # the folder stays, to go on with simulator="gymnasium"
-    except Exception:
-        if new and not folder.is_begun:  # it would be in the way of another try
-            folder.discard()
-        raise
-    finally:
-        if means.evaluator is None and evaluator is not None:
-            evaluator.close()
+    with folder.begin(settings) if new else folder.alone():
+        try:
+            if evaluator is None:
+                evaluator, recheck = evaluator_for(chosen, means.workers, spec, info, max_steps)
+            else:
+                recheck = recheck_for(chosen, spec, info, max_steps)
+            outcome = carry_on(folder, settings, info, evaluator, means.progress or _Silent(), check=recheck)
+        finally:
+            if means.evaluator is None and evaluator is not None:
+                evaluator.close()
     if not isinstance(outcome.champion, Champion):
         raise BitneatError(f"{folder.champion_pickle}: is a float network; quantize it for a controller")
     return Evolved(outcome.champion, outcome.score, folder.path, outcome.finished)

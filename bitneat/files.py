@@ -80,8 +80,11 @@ def write_json(path: str | os.PathLike[str], data: Any) -> None:
     write_atomic(path, (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
 
 
-def make_folder(path: Path) -> None:
+def make_folder(path: Path) -> bool:
     """Make a folder and those above it that are missing; what is in them later survives a loss of power.
+
+    Returns:
+        False if it was there already.
 
     Raises:
         FileError: It cannot be made, or is something else.
@@ -89,11 +92,18 @@ def make_folder(path: Path) -> None:
     missing = [path, *path.parents]
     missing = missing[: next((i for i, folder in enumerate(missing) if folder.is_dir()), len(missing))]
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        try:
+            path.mkdir(parents=True)
+            made = True
+        except OSError:  # of a folder that is there some systems say that nothing may be made
+            if not path.is_dir():
+                raise
+            made = False
         for folder in missing:  # a synced file is lost all the same where the name of its folder never reached the disk
             sync_folder(folder.parent)
     except OSError as error:
         raise FileError(f"{path}: cannot be made: {error.strerror or error}") from None
+    return made
 
 
 def refuse_links(folder: Path) -> None:

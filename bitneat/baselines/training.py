@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bitneat import folders
 from bitneat.baselines import checkpoint
 from bitneat.baselines.actions import action_table
 from bitneat.baselines.dense import dense_from_npz
@@ -22,7 +23,7 @@ from bitneat.baselines.method import Method
 from bitneat.baselines.result import BaselineResult
 from bitneat.baselines.settings import HARDCORE_PPO, METHODS, ArsSettings, PpoSettings, Settings
 from bitneat.errors import BitneatError, MissingExtraError
-from bitneat.files import make_folder, read_capped, refuse_links, sole_user, write_atomic, write_json
+from bitneat.files import read_capped, refuse_links, sole_user, write_atomic, write_json
 from bitneat.version import __version__
 
 RUN, CHECKPOINT, POLICY, RESULT, HISTORY = "baseline.json", "checkpoint.pt", "policy.npz", "result.json", "history.csv"
@@ -101,11 +102,7 @@ def train(
         return load_result(folder)
     # Before the folder is made: without the libraries nothing is left behind.
     versions = {"bitneat": __version__, **_versions()}
-    if begun:
-        refuse_links(folder)
-    else:
-        _begin(folder, run)
-    with sole_user(folder), _isolated():
+    with _at_work(folder, run, begun=begun), _isolated():
         return _train(run, settings, folder, progress or (lambda _: None), versions)
 
 
@@ -244,12 +241,11 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
     """Whether the folder holds this training.
 
     Raises:
-        BitneatError: if it holds another, and in what they differ.
+        BitneatError: if it holds another, and in what they differ; or a file that this one would write or go on from.
     """
     path = folder / RUN
     if not path.exists():
-        if (folder / RESULT).exists() or (folder / CHECKPOINT).exists():
-            raise BitneatError(f"{folder}: holds a training without its {RUN}; give another folder")
+        folders.refuse_taken(folder, folders.BASELINE)
         return False
     try:
         found = json.loads(read_capped(path, 1 << 20))
@@ -268,9 +264,17 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
     return True
 
 
-def _begin(folder: Path, run: dict[str, Any]) -> None:
-    make_folder(folder)
-    write_json(folder / RUN, run)
+@contextmanager
+def _at_work(folder: Path, run: dict[str, Any], *, begun: bool) -> Iterator[None]:
+    """Be the only process at work in a training's folder, new or not."""
+    if begun:
+        refuse_links(folder)
+        with sole_user(folder):
+            yield
+        return
+    with folders.begun(folder, folders.BASELINE):
+        write_json(folder / RUN, run)
+        yield
 
 
 def _restore(path: Path, method: Method) -> list[Any]:

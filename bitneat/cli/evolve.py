@@ -151,50 +151,39 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
-    from bitneat.evolve.recheck import SimulatorsDifferError
     from bitneat.evolve.run import carry_on, searching
     from bitneat.evolve.setup import episode_limit
-    from bitneat.files import sole_user
     from bitneat.sim.environment import inspect
 
     info = inspect(settings.environment)
     max_steps = episode_limit(settings.config, settings.environment, info)
     simulator = choose_simulator(settings.environment, args.simulator)
     progress = _progress(args, folder)
-    if args.resume is None:
-        folder.create(settings)
-    elif (args.config, args.generations, args.time) != (None, None, None):
-        # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
-        with sole_user(folder.path):
+    with folder.begin(settings) if args.resume is None else folder.alone():
+        if args.resume is not None and (args.config, args.generations, args.time) != (None, None, None):
+            # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
             if args.config is not None:
                 _renew_checkpoint(folder, info)
             folder.restore(searching(folder, settings, info), settings.begun_at)
             folder.save_settings(settings)
-    if settings.seconds is not None:
-        print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
-    _tell_of_linear_start_alone(settings.config)
-    evaluator: Evaluator | None = None
-    try:
+        if settings.seconds is not None:
+            print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
+        _tell_of_linear_start_alone(settings.config)
+        evaluator: Evaluator | None = None
         try:
-            evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
-            return carry_on(folder, settings, info, evaluator, progress, check=recheck)
-        finally:
-            # The terminal first: a cluster takes seconds to close, and who waits for that may press Ctrl-C again.
             try:
-                progress.close()
+                evaluator, recheck = _evaluator(args, simulator, settings.environment, info, max_steps)
+                return carry_on(folder, settings, info, evaluator, progress, check=recheck)
             finally:
-                if evaluator is not None:
-                    evaluator.close()
-    except KeyboardInterrupt as stop:
-        stop.args = (f"stopped; continue with: bitneat evolve --resume {folder.path}",)
-        raise
-    except SimulatorsDifferError:
-        raise  # the folder stays even without a checkpoint, for --resume with the other simulator
-    except Exception:
-        # What fails before the first checkpoint will fail again, and its folder would be in the way of another try.
-        if args.resume is None and not folder.is_begun:
-            folder.discard()
-        raise
+                # The terminal first: a cluster takes seconds to close, and who waits for that may press Ctrl-C again.
+                try:
+                    progress.close()
+                finally:
+                    if evaluator is not None:
+                        evaluator.close()
+        except KeyboardInterrupt as stop:
+            stop.args = (f"stopped; continue with: bitneat evolve --resume {folder.path}",)
+            raise
 
 
 def _renew_checkpoint(folder: RunFolder, info: EnvironmentInfo) -> None:

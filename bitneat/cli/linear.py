@@ -81,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.linear import LinearSearch
     from bitneat.files import sole_user
+    from bitneat.folders import LINEAR, begun
     from bitneat.sim import bipedal
     from bitneat.sim.environment import allow_imports, inspect
 
@@ -105,12 +106,10 @@ def run(args: argparse.Namespace) -> int:
     )
     if state is not None:
         _restore(where, search, state)
-    else:
-        _create(folder)
     evaluator = None
     alone = ExitStack()
     try:
-        alone.enter_context(sole_user(folder))
+        alone.enter_context(begun(folder, LINEAR) if state is None else sole_user(folder))
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
         while search.generation < settings["generations"]:
             row = search.advance(evaluator)
@@ -199,15 +198,6 @@ def _restore(path: Path, search: LinearSearch, state: Any) -> None:
 
 def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] if isinstance(error, BitneatError) else type(error).__name__
-
-
-def _create(folder: Path) -> None:
-    from bitneat.files import make_folder, refuse_links
-
-    if _state_file(folder).exists() or any((folder / name).exists() for name in ("polish.json", "run.json")):
-        raise BitneatError(f"{folder}: holds a run already; continue it with --resume, or give another -o")
-    make_folder(folder)
-    refuse_links(folder)
 
 
 def _save(file: StateFile, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:

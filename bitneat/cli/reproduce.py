@@ -31,6 +31,7 @@ FILES = """\
   DIR/             written: results/, runs/, tables, figures, README.md"""
 
 BUDGET_NAMES = ("smoke", "hour", "paper")
+_BUDGET = "budget.json"
 _LOOK_SECONDS = 30.0
 
 
@@ -117,20 +118,37 @@ def _chosen(all_jobs: list[Job], patterns: list[str] | None) -> list[Job]:
 
 
 def _claim_folder(folder: Path, budget: str) -> None:
-    """Results of different budgets must not meet in one table."""
-    from bitneat.files import make_folder, read_capped, write_json
+    """Make the folder this budget's: results of different ones must not meet in one table.
 
-    path = folder / "budget.json"
-    if path.exists():
-        try:
-            held = json.loads(read_capped(path, 1 << 12))["budget"]
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise BitneatError(f"{path}: damaged: expected a budget's name") from None
-        if held != budget:
-            raise BitneatError(f"{folder}: holds results of --budget {held}; give another -o")
-        return
-    make_folder(folder)
-    write_json(path, {"budget": budget})
+    Raises:
+        BitneatError: if it is another budget's, or somebody else's.
+    """
+    from bitneat.files import write_json
+    from bitneat.folders import REPRODUCE, begun
+
+    if not _is_claimed(folder, budget):
+        with begun(folder, REPRODUCE):
+            write_json(folder / _BUDGET, {"budget": budget})
+
+
+def _is_claimed(folder: Path, budget: str) -> bool:
+    """Whether the folder is this budget's.
+
+    Raises:
+        BitneatError: if it is another's.
+    """
+    from bitneat.files import read_capped
+
+    path = folder / _BUDGET
+    if not path.exists():
+        return False
+    try:
+        held = json.loads(read_capped(path, 1 << 12))["budget"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise BitneatError(f"{path}: damaged: expected a budget's name") from None
+    if held != budget:
+        raise BitneatError(f"{folder}: holds results of --budget {held}; give another -o")
+    return True
 
 
 def _require_simulator() -> None:

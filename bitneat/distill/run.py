@@ -23,6 +23,7 @@ from bitneat.baselines.training import MAX_SEED
 from bitneat.champion import Champion, FloatChampion, save_json, save_pickle
 from bitneat.controller import Controller
 from bitneat.controller.packing import pack
+from bitneat.distill.folder import at_work
 from bitneat.distill.imitation import DistillSettings, Imitation, RoundRow, observed
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
 from bitneat.distill.student import Student
@@ -31,14 +32,13 @@ from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.recheck import Recheck
 from bitneat.evolve.search import Candidate, Score
-from bitneat.files import make_folder, read_capped, refuse_links, sole_user, write_json
 from bitneat.sim.bipedal import is_hardcore, is_walker
 from bitneat.sim.walker.binding import default_threads
 from bitneat.sim.walker.rollout import run_policy
 from bitneat.sim.walker.vector import step_limit
 from bitneat.version import __version__
 
-RUN, IMITATION, REINFORCEMENT = "distill.json", "imitation.pt", "reinforcement.pt"
+IMITATION, REINFORCEMENT = "imitation.pt", "reinforcement.pt"
 _FORMAT, _VERSION = "bitneat-distill", 3
 _TRIED, _FINAL, _REPORT = 32, 200, 100
 _ROUNDING_STREAM = 0x2094
@@ -135,8 +135,7 @@ def distill(
         "settings": json.loads(json.dumps(asdict(settings))),
         "reinforce": asdict(reinforce) if reinforce.steps else None,
     }
-    _begin(folder, run)
-    with sole_user(folder):
+    with at_work(folder, run):
         hardcore = is_hardcore(spec)
         evaluator = NativeWalkerEvaluator(spec, step_limit(hardcore), default_threads())
         label = batched(teacher.network, exact=False)
@@ -229,21 +228,3 @@ def _finish(
     save_json(champion, folder / "champion.json")
     save_pickle(champion, folder / "champion.pkl")
     return champion, score
-
-
-def _begin(folder: Path, run: dict[str, Any]) -> None:
-    path = folder / RUN
-    if path.exists():
-        refuse_links(folder)
-        try:
-            found = json.loads(read_capped(path, 1 << 20))
-        except ValueError:
-            raise BitneatError(f"{path}: damaged: no JSON") from None
-        if found != run:
-            raise BitneatError(f"{folder}: holds another run of distill; give another -o")
-        return
-    if (folder / "champion.pkl").exists():
-        raise BitneatError(f"{folder / 'champion.pkl'}: exists and would be overwritten; give another -o")
-    make_folder(folder)
-    refuse_links(folder)
-    write_json(path, run)

@@ -25,6 +25,7 @@ from bitneat.evolve.polish import Entry, Goal, Polish, Row
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START, report_seeds, selection_seeds
 from bitneat.evolve.search import Candidate, Score
 from bitneat.files import make_folder, refuse_links, sole_user, write_atomic
+from bitneat.folders import POLISH, begun, refuse_begun
 from bitneat.sim.environment import EpisodeResult
 from bitneat.state import StateFile
 from bitneat.version import __version__
@@ -125,14 +126,11 @@ class PolishFolder:
         """Make the folder.
 
         Raises:
-            BitneatError: if there is a run or a champion already, or the folder cannot be made.
+            BitneatError: if there is a run already, or a file that this one would write: a champion may be the very one that it
+                starts from; or the folder cannot be made.
         """
-        if self._state.exists() or (self.path / "run.json").exists():
-            raise BitneatError(f"{self.path}: holds a run already; continue it with --resume, or give another -o")
-        if self.champion_pickle.exists():  # it may be the very one that the run starts from
-            raise BitneatError(f"{self.champion_pickle}: exists and would be overwritten; give another -o")
-        make_folder(self.path)
-        refuse_links(self.path)
+        with begun(self.path, POLISH):
+            pass
 
     def save(self, settings: PolishSettings, polish: Polish, history: Sequence[Row]) -> None:
         """Write the checkpoint, and what people read."""
@@ -212,7 +210,9 @@ def carry_on(
     """
     began = time.monotonic()
     with sole_user(folder.path):
-        if history:
+        if not history:
+            refuse_begun(folder.path, POLISH)  # since the folder was made another process may have been there
+        else:
             folder.save_tables(polish, history)  # the run may have died between a checkpoint and its tables
         out_of_time = False
         leader = None

@@ -16,7 +16,7 @@ import platform
 import re
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from importlib import metadata
 from pathlib import Path
@@ -37,6 +37,7 @@ from bitneat.evolve.config import MAX_CONFIG_BYTES, Config, parse
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
 from bitneat.evolve.randomness import REPORT_START, SELECTION_START
+from bitneat.evolve.recheck import SimulatorsDifferError
 from bitneat.evolve.search import Candidate, Generation, Score, Search
 from bitneat.files import (
     make_folder,
@@ -48,6 +49,7 @@ from bitneat.files import (
     write_atomic,
     write_json,
 )
+from bitneat.folders import EVOLVE, begun
 from bitneat.network import FloatNetwork
 from bitneat.sim.environment import EnvironmentInfo
 from bitneat.state import DamagedError, read_state, seal
@@ -125,6 +127,7 @@ class RunFolder:
         self.path = path
         self._warn = warn
         self._told: set[str] = set()
+        self._held = False
 
     @property
     def champion_pickle(self) -> Path:
@@ -143,29 +146,73 @@ class RunFolder:
         """Make the folder and write what was asked for.
 
         Raises:
-            BitneatError: if there is a run already, or the folder cannot be written.
+            BitneatError: as of `begin`.
         """
-        if self._settings_file.exists():
-            raise BitneatError(
-                f"{self.path}: holds a run already; continue it with --resume {self.path}, or give another -o"
-            )
-        make_folder(self.path)
-        make_folder(self.path / "checkpoints")
-        self._refuse_links()
-        self.save_settings(settings)
+        with self.begin(settings):
+            pass
+
+    @contextlib.contextmanager
+    def begin(self, settings: RunSettings) -> Iterator[None]:
+        """Make the folder, write what was asked for, and be the only process at work there meanwhile.
+
+        What fails before the first checkpoint would fail again, and its run would be in the way of another try: it goes. Where only
+        the simulators differ it stays, since it can go on with the other one.
+
+        Raises:
+            BitneatError: if there is a run already, or a file that this one would write or go on from; or the folder cannot be
+                written, or another process is at work there.
+        """
+        with begun(self.path, EVOLVE) as made, self._holding():
+            try:
+                make_folder(self.path / "checkpoints")
+                self._refuse_links()
+                self.save_settings(settings)
+                yield
+            except SimulatorsDifferError:
+                raise
+            except Exception:
+                if not self.is_begun:
+                    self._discard(folder_too=made)
+                raise
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """Be the only process at work there; within it and within `begin` that is so already.
+
+        Raises:
+            BitneatError: if another process is.
+        """
+        if self._held:
+            yield
+            return
+        with sole_user(self.path), self._holding():
+            yield
+
+    @contextlib.contextmanager
+    def _holding(self) -> Iterator[None]:
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
 
     def _refuse_links(self) -> None:
         refuse_links(self.path)
         if (self.path / "checkpoints").is_dir():
             refuse_links(self.path / "checkpoints")
 
-    def discard(self) -> None:
-        """Take away a run that no generation was completed of, so that it can be tried again."""
+    def _discard(self, *, folder_too: bool) -> None:
+        """Take away a run that no generation was completed of; nothing of that name was there before it."""
         with contextlib.suppress(OSError):  # whatever else is in there is not ours, and a disk may be read-only by now
-            for name in ("run.json", "config.ini", "history.csv"):
+            for name in (
+                "config.ini",
+                "history.csv",
+                "run.json",
+            ):  # without the others it is a run, without the last one it is none
                 (self.path / name).unlink(missing_ok=True)
             (self.path / "checkpoints").rmdir()
-            self.path.rmdir()
+            if folder_too:
+                self.path.rmdir()
 
     def save_settings(self, settings: RunSettings) -> None:
         """Write ``run.json``, which makes the folder a run, and ``config.ini``, which is for people.
@@ -362,7 +409,7 @@ def carry_on(
     saved; what it raises ends the run, which can then be resumed from the generation before.
     """
     started = time.monotonic()
-    with sole_user(folder.path):
+    with folder.alone():
         search = searching(folder, settings, info)
         folder.restore(search, settings.begun_at)
         folder.mend(settings, search)
