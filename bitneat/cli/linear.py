@@ -86,10 +86,10 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.sim.environment import allow_imports, inspect
 
     allow_imports(args.imports or ())
-    settings, state, history, where = _settings(args)
+    settings, imports, state, history, where = _settings(args)
     folder: Path = args.resume or args.output or Path("runs") / f"linear-{settings['seed']}"
     file = _state_file(folder)
-    spec = EnvironmentSpec(settings["env"], {}, tuple(args.imports or ()))
+    spec = EnvironmentSpec(settings["env"], {}, imports)
     info = inspect(spec)
     if info.max_steps is None:
         raise BitneatError(f"environment {spec.id}: has no time limit")
@@ -106,6 +106,10 @@ def run(args: argparse.Namespace) -> int:
     )
     if state is not None:
         _restore(where, search, state)
+    if args.generations is not None and args.generations < search.generation:
+        raise BitneatError(
+            f"--resume {folder}: has completed {search.generation} generations, more than the {args.generations} asked for"
+        )
     evaluator = None
     alone = ExitStack()
     try:
@@ -114,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
         while search.generation < settings["generations"]:
             row = search.advance(evaluator)
             history.append(list(vars(row).values()))
-            _save(file, settings, search, history)
+            _save(file, settings, imports, search, history)
             _tell(row)
         summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
     except KeyboardInterrupt as stop:
@@ -146,8 +150,9 @@ def _state_file(folder: Path) -> StateFile:
     return StateFile(folder / _STATE, _FORMAT, _VERSION, _MAX_BYTES)
 
 
-def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any], Path]:
-    """What is asked for, and, of a resumed run, where it stands, its history and the file that they are from."""
+def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], tuple[str, ...], Any, list[Any], Path]:
+    """What is asked for, the modules to import, and, of a resumed run, where it stands, its history and its file."""
+    named = tuple(args.imports or ())
     if args.resume is None:
         settings = {
             "env": args.env or "BipedalWalker-v3",
@@ -155,7 +160,7 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any],
             "population": args.pop or 64,
             "generations": args.generations or DEFAULT_GENERATIONS,
         }
-        return settings, None, [], Path()
+        return settings, named, None, [], Path()
     for option, value in {"--env": args.env, "--seed": args.seed, "--pop": args.pop, "-o": args.output}.items():
         if value is not None:
             raise BitneatError(f"{option}: not with --resume, which takes it from the run")
@@ -163,7 +168,7 @@ def _settings(args: argparse.Namespace) -> tuple[dict[str, Any], Any, list[Any],
     settings = data["settings"]
     if args.generations is not None:
         settings["generations"] = args.generations
-    return settings, data["search"], data["history"], where
+    return settings, tuple(data.get("imports", named)), data["search"], data["history"], where
 
 
 def _load(folder: Path) -> tuple[Path, Mapping[str, Any]]:
@@ -182,6 +187,9 @@ def _load(folder: Path) -> tuple[Path, Mapping[str, Any]]:
             raise BitneatError("settings: expected the id of an environment and whole numbers")
         if type(data["history"]) is not list:
             raise BitneatError("history: expected a list")
+        imports = data.get("imports", [])  # runs of before they were recorded lack the key
+        if type(imports) is not list or any(type(name) is not str for name in imports):
+            raise BitneatError("imports: expected a list of names")
         trigonometry = data["trigonometry"]
     except Exception as error:  # the file may be anyone's
         raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
@@ -200,13 +208,16 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] if isinstance(error, BitneatError) else type(error).__name__
 
 
-def _save(file: StateFile, settings: dict[str, Any], search: LinearSearch, history: list[Any]) -> None:
+def _save(
+    file: StateFile, settings: dict[str, Any], imports: tuple[str, ...], search: LinearSearch, history: list[Any]
+) -> None:
     from bitneat.champion import EnvironmentSpec
     from bitneat.sim.walker.trigonometry import probe_for
 
     file.save(
         {
             "settings": settings,
+            "imports": list(imports),
             "trigonometry": probe_for(EnvironmentSpec(settings["env"])),
             "search": search.to_data(),
             "history": history,

@@ -71,3 +71,33 @@ def test_a_damaged_run_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture
     error = capsys.readouterr().err
     assert "linear.json: damaged: KeyError" in error
     assert error.count("\n") == 1
+
+
+def test_a_run_cannot_be_made_shorter(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    common = ["linear", "--env", "CartPole-v1", "--pop", "4", "--workers", "1"]
+    assert main([*common, "--generations", "3", "-o", str(run)]) == 0
+    before = {path: path.read_bytes() for path in run.iterdir()}
+    capsys.readouterr()
+    assert main(["linear", "--resume", str(run), "--generations", "2", "--workers", "1"]) == 2
+    error = capsys.readouterr().err
+    assert error == f"bitneat: --resume {run}: has completed 3 generations, more than the 2 asked for\n"
+    assert {path: path.read_bytes() for path in run.iterdir()} == before
+
+
+def test_the_modules_of_a_resumed_run_are_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    common = ["linear", "--env", "bitneat/Matrix-v0", "--import", "tests.sim.strange", "--pop", "4", "--workers", "1"]
+    assert main([*common, "--generations", "2", "-o", str(tmp_path / "whole")]) == 0
+    assert main([*common, "--generations", "1", "-o", str(tmp_path / "parts")]) == 0
+    resume = ["linear", "--resume", str(tmp_path / "parts"), "--generations", "2", "--workers", "1"]
+    with monkeypatch.context() as patch:
+        patch.setattr("bitneat.sim.environment._allowed_imports", set())
+        assert main(resume) == 2
+        assert "needs --import tests.sim.strange" in capsys.readouterr().err
+        assert main([*resume, "--import", "tests.sim.strange", "--import", "json"]) == 0
+    champion = champions.load(tmp_path / "parts/champion.pkl")
+    assert champion.environment is not None
+    assert champion.environment.imports == ("tests.sim.strange",)
+    assert (tmp_path / "parts/champion.pkl").read_bytes() == (tmp_path / "whole/champion.pkl").read_bytes()
