@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import io
+import json
 import math
 import platform
 import re
@@ -65,6 +67,7 @@ MAX_RUN_BYTES = 1 << 26
 MAX_CHECKPOINT_BYTES = 1 << 28
 
 _TRIGONOMETRY = re.compile(r"[0-9a-f]{16}")
+_IDENTITY = re.compile(r"[0-9a-f]{64}")
 _CHECKPOINT_NAME = re.compile(r"generation-(\d{6,})\.json")
 
 
@@ -100,6 +103,16 @@ class RunSettings:
         """Generations completed when the configuration took over: no checkpoint of before can go on under it."""
         return self.earlier[-1].generations if self.earlier else 0
 
+    def identity(self) -> str:
+        """A hash of what a run begins with, by which its checkpoints are known for its own."""
+        begins = {
+            "environment": self.environment.to_data(),
+            "config": self.earlier[0].config if self.earlier else self.config.text,
+            "seed": f"{self.seed:x}",
+            "start": [controller.sha256 for controller in self.start],
+        }
+        return hashlib.sha256(json.dumps(begins, sort_keys=True).encode()).hexdigest()
+
     def to_data(self) -> dict[str, Any]:
         """As plain data."""
         return {
@@ -128,6 +141,7 @@ class RunFolder:
         self._warn = warn
         self._told: set[str] = set()
         self._held = False
+        self._known: str | None = None
 
     @property
     def champion_pickle(self) -> Path:
@@ -217,13 +231,36 @@ class RunFolder:
     def save_settings(self, settings: RunSettings) -> None:
         """Write ``run.json``, which makes the folder a run, and ``config.ini``, which is for people.
 
-        ``config.ini`` is away while ``run.json`` changes: the two never disagree, wherever this is cut short.
+        ``config.ini`` is away while ``run.json`` changes: the two never disagree, wherever this is cut short. The identity is that
+        of the run's first settings; it is kept, since a later bitneat may write the same configuration otherwise.
         """
+        if self._settings_file.exists():
+            identity = self._identity()
+            self._keep_config()
+        else:
+            identity = self._known = settings.identity()
         if self._config_file.exists():
             self._config_file.unlink()
             sync_folder(self.path)
-        write_atomic(self._settings_file, seal(settings.to_data(), indent=2))
+        content = {**settings.to_data(), **({"identity": identity} if identity else {})}
+        write_atomic(self._settings_file, seal(content, indent=2))
         write_atomic(self._config_file, settings.config.text.encode())
+
+    def _keep_config(self) -> None:
+        """Put the configuration of a run of version 1, which ``config.ini`` alone has, into its ``run.json``."""
+        data = read_state(self._settings_file, FORMAT, VERSION, MAX_RUN_BYTES)
+        if data["version"] == 1:
+            content = {**data, "version": VERSION, "config": _text(self._config_file)}
+            write_atomic(self._settings_file, seal(content, indent=2))
+
+    def _identity(self) -> str:
+        """As of `RunSettings.identity`; empty for a run of before it was recorded, or where there is none."""
+        if self._known is None:
+            found = None
+            if self._settings_file.exists():
+                found = read_state(self._settings_file, FORMAT, VERSION, MAX_RUN_BYTES).get("identity")
+            self._known = found if isinstance(found, str) else ""
+        return self._known
 
     def mend(self, settings: RunSettings, search: Search) -> None:
         """Make good what a process that died after a checkpoint has left undone: files to write, and files to take away."""
@@ -259,6 +296,10 @@ class RunFolder:
                 isinstance(trigonometry, str) and _TRIGONOMETRY.fullmatch(trigonometry)
             ):
                 raise BitneatError("trigonometry: expected 16 hexadecimal digits, or null")
+            identity = data.get("identity", "")  # as of the same
+            if identity != "" and not (isinstance(identity, str) and _IDENTITY.fullmatch(identity)):
+                raise BitneatError("identity: expected 64 hexadecimal digits")
+            self._known = identity
         except Exception as error:  # the file may be anyone's
             raise BitneatError(f"{path}: damaged: {_reason(error)}") from None
         return RunSettings(spec, config, seed, seconds, earlier, trigonometry, start)
@@ -304,7 +345,9 @@ class RunFolder:
         Raises:
             BitneatError: if it cannot be written, or is larger than what would be read.
         """
-        state = {"format": CHECKPOINT_FORMAT, "version": VERSION, "bitneat": __version__, "search": search.to_data()}
+        head = {"format": CHECKPOINT_FORMAT, "version": VERSION, "bitneat": __version__}
+        identity = self._identity()
+        state = {**head, **({"run": identity} if identity else {}), "search": search.to_data()}
         path = self.path / "checkpoints" / f"generation-{search.generation:06d}.json"
         content = seal(state, allow_nan=True)
         if len(content) > MAX_CHECKPOINT_BYTES:
@@ -336,7 +379,11 @@ class RunFolder:
                 path.unlink(missing_ok=True)
 
     def _last(self, begun_at: int) -> tuple[int, Path, Mapping[str, Any]] | None:
-        """Generation, path and content of the last checkpoint that is whole; of damaged ones after it the user is told."""
+        """Generation, path and content of the last checkpoint that is whole; of damaged ones after it the user is told.
+
+        Raises:
+            BitneatError: as of `restore`.
+        """
         damage: DamagedError | None = None
         for generation, path in reversed(self._checkpoints()):
             if generation < begun_at:
@@ -346,6 +393,7 @@ class RunFolder:
             except DamagedError as error:
                 damage = damage or error
                 continue
+            self._refuse_foreign(path, data)
             if damage is not None and str(damage) not in self._told:
                 self._told.add(str(damage))
                 self._warn(f"{damage}; going on from {path.name}")
@@ -358,6 +406,15 @@ class RunFolder:
                 " as a run needs whose configuration was changed there"
             )
         return None
+
+    def _refuse_foreign(self, path: Path, data: Mapping[str, Any]) -> None:
+        """Checkpoints, and runs, of before there was an identity lack it, and are taken as they are."""
+        ours, theirs = self._identity(), data.get("run")
+        if ours and theirs is not None and theirs != ours:
+            raise BitneatError(
+                f"{path}: is of another run than {self._settings_file}, which began with other settings; expected its own"
+                " checkpoint: put it back, or remove this one"
+            )
 
     def save_history(self, search: Search) -> None:
         """Write ``history.csv``, a row a generation."""

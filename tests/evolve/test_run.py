@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import errno
 import json
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,7 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.config import parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator
 from bitneat.evolve.progress import PlainProgress
-from bitneat.evolve.run import Outcome, RunFolder, RunSettings, carry_on
+from bitneat.evolve.run import Outcome, RunFolder, RunSettings, Stage, carry_on
 from bitneat.evolve.search import Search
 from bitneat.evolve.setup import episode_limit
 from bitneat.runtime import RuntimeController
@@ -375,6 +377,7 @@ def test_a_hostile_checkpoint_is_one_line_or_does_no_harm(
         (("seconds",), True), (("seconds",), "1"), (("earlier",), 1), (("earlier",), [{"generations": float("inf")}]),
         (("environment",), None), (("environment", "kwargs"), 1), (("environment", "imports"), "os"),
         (("trigonometry",), 7), (("trigonometry",), "0123"), (("trigonometry",), "0123456789ABCDEF\n"),
+        (("identity",), 7), (("identity",), "0123"), (("identity",), None),
     ],
 )  # fmt: skip
 def test_a_hostile_run_file_is_one_line(
@@ -386,3 +389,88 @@ def test_a_hostile_run_file_is_one_line(
     with pytest.raises(BitneatError, match=r"run\.json: damaged: ") as caught:
         RunFolder(tmp_path).settings()
     assert "\n" not in str(caught.value)
+
+
+def test_checkpoints_of_another_run_are_not_gone_on_from(tmp_path: Path) -> None:
+    ours, theirs = RunFolder(tmp_path / "ours"), RunFolder(tmp_path / "theirs")
+    evolve(ours, settings_for(seed=5))
+    evolve(theirs, settings_for(seed=6))
+    before = ours.champion_pickle.read_bytes()
+    newest = ours.path / "checkpoints" / "generation-000004.json"
+    own = newest.read_bytes()
+    newest.write_bytes((theirs.path / "checkpoints" / newest.name).read_bytes())
+    again = RunFolder(ours.path)
+    with pytest.raises(
+        BitneatError, match=r"generation-000004\.json: is of another run than [^\n]*run\.json"
+    ) as caught:
+        evolve(again, again.settings(), new=False)
+    assert "\n" not in str(caught.value)
+    assert ours.champion_pickle.read_bytes() == before
+    newest.write_bytes(own)
+    evolve(again, again.settings(), new=False)
+    assert ours.champion_pickle.read_bytes() == before
+
+
+def test_a_run_keeps_its_checkpoints_under_another_configuration_or_length(tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run")
+    evolve(folder, settings_for())
+    settings = folder.settings()
+    longer = replace(settings, config=settings.config.with_values("evolve", generations=5, finalists=3))
+    folder.save_settings(replace(longer, earlier=(Stage(4, settings.config.text),)))
+    folder = RunFolder(folder.path)
+    evolve(folder, folder.settings(), new=False)
+    assert folder.generations() == 5
+
+
+def of_before(folder: Path, *, version: int) -> None:
+    """Make of a run one as an earlier bitneat left it: without identity, and in version 1 without hashes and configuration."""
+    for path in (folder / "run.json", *(folder / "checkpoints").iterdir()):
+        data = json.loads(path.read_text())
+        dropped = {"identity", "run"} if version == 2 else {"identity", "run", "config", "sha256"}
+        data = {**{key: value for key, value in data.items() if key not in dropped}, "version": version}
+        path.write_text(sealed(data) if version == 2 else json.dumps(data))
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_run_of_before_it_had_an_identity_goes_on_to_the_same_bytes(tmp_path: Path, version: int) -> None:
+    whole, old = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "old")
+    evolve(whole, settings_for())
+    evolve(old, settings_for(text=SMALL.replace("generations = 4", "generations = 2")))
+    of_before(old.path, version=version)
+    old = RunFolder(old.path)
+    settings = old.settings()
+    old.save_settings(replace(settings, config=settings.config.with_values("evolve", generations=4)))
+    old = RunFolder(old.path)
+    evolve(old, old.settings(), new=False)
+    for name in ("champion.pkl", "champion.json", "history.csv", "report.json"):
+        assert (old.path / name).read_bytes() == (whole.path / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_settings_that_are_cut_short_while_they_are_saved_are_the_old_or_the_new(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int
+) -> None:
+    old = settings_for()
+    new = replace(old, config=old.config.with_values("evolve", generations=9))
+    found = []
+    for calls in range(10):
+        folder = RunFolder(tmp_path / f"{calls}")
+        folder.create(old)
+        of_before(folder.path, version=version)
+        left = iter(range(calls))
+
+        def counted(real: Callable[..., Any], left: Any = left) -> Callable[..., Any]:
+            def call(*arguments: Any, **options: Any) -> Any:
+                if next(left, None) is None:
+                    raise KeyboardInterrupt
+                return real(*arguments, **options)
+
+            return call
+
+        with monkeypatch.context() as patch, contextlib.suppress(KeyboardInterrupt):
+            patch.setattr(Path, "unlink", counted(Path.unlink))
+            patch.setattr(Path, "replace", counted(Path.replace))
+            RunFolder(folder.path).save_settings(new)
+        found.append(RunFolder(folder.path).settings().config.text)
+    assert found == sorted(found, key=[old.config.text, new.config.text].index)
+    assert {found[0], found[-1]} == {old.config.text, new.config.text}
