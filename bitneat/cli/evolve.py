@@ -260,26 +260,17 @@ def _new_settings(args: argparse.Namespace) -> RunSettings:
 def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSettings:
     from dataclasses import replace
 
-    from bitneat.evolve.config import load, parse
+    from bitneat.evolve.config import load
     from bitneat.evolve.run import Stage
     from bitneat.sim.walker.trigonometry import refuse_other
 
     settings = folder.settings()
     refuse_other(settings.trigonometry, str(folder.path / "run.json"))
     if args.config is not None:
-        stage = Stage(folder.generations(settings.begun_at), settings.config.text)
-        settings = replace(
-            settings, config=_as_begun(args.config, load(args.config), settings), earlier=(*settings.earlier, stage)
-        )
-    if args.config is not None:
-        before = parse(settings.earlier[-1].config, "run.json")["evolve"]
-        for key in (
-            ("linear_generations", "linear_population") if before["linear_generations"] else ("linear_generations",)
-        ):
-            if before[key] != settings.config["evolve"][key]:
-                raise BitneatError(
-                    f"--config {args.config}: [evolve] {key}: a run that has begun keeps its linear start"
-                )
+        config = _as_begun(args.config, load(args.config), settings)
+        if _with_generations(config, args.generations).text != settings.config.text:  # else it took over already
+            stage = Stage(folder.generations(settings.begun_at), settings.config.text)
+            settings = replace(settings, config=config, earlier=(*settings.earlier, stage))
     config = _with_generations(settings.config, args.generations)
     done, wanted = folder.generations(settings.begun_at), config["evolve"]["generations"]
     if wanted < done and (args.config, args.generations) != (None, None):
@@ -309,10 +300,18 @@ def _as_begun(where: str, config: Config, settings: RunSettings) -> Config:
             raise BitneatError(
                 f"--config {where}: [evolve] {key}: a run that has begun keeps its {before}, with which its candidates were scored"
             )
-    if not settings.start:
-        return config
-    kept = ("linear_generations", "frac_bits", "input_scales", "input_limits")
-    return config.with_values("evolve", **{key: settings.config["evolve"][key] for key in kept})
+    if settings.start:
+        kept = ("linear_generations", "frac_bits", "input_scales", "input_limits")
+        config = config.with_values("evolve", **{key: settings.config["evolve"][key] for key in kept})
+    linear = (
+        ("linear_generations", "linear_population")
+        if settings.config["evolve"]["linear_generations"]
+        else ("linear_generations",)
+    )
+    for key in linear:
+        if config["evolve"][key] != settings.config["evolve"][key]:
+            raise BitneatError(f"--config {where}: [evolve] {key}: a run that has begun keeps its linear start")
+    return config
 
 
 def _with_generations(config: Config, generations: int | None) -> Config:

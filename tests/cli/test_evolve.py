@@ -374,3 +374,34 @@ def test_a_time_limit_can_be_lifted_and_the_run_is_then_as_if_it_had_had_none(ti
     assert main(["evolve", "--resume", "cut", "--time", "none", "--workers", "1"]) == 0
     for path in (path for path in Path("whole").rglob("*") if path.is_file()):
         assert (Path("cut") / path.relative_to("whole")).read_bytes() == path.read_bytes(), path
+
+
+def test_the_same_change_of_configuration_given_again_is_no_other_change(tiny: str) -> None:
+    Path("next.ini").write_text(TINY + "[BitReproduction]\ncrossover = 0.5\n")
+    common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]
+    for run in ("once", "twice"):
+        assert main(["evolve", *common, "--generations", "2", "-o", run]) == 0
+    change = ["--config", "next.ini", "--generations", "4", "--workers", "1"]
+    assert main(["evolve", "--resume", "once", *change]) == 0
+    assert main(["evolve", "--resume", "twice", *change, "--time", "0.000001"]) == 0  # stopped after a generation
+    settings = json.loads(Path("twice/run.json").read_text())
+    assert main(["evolve", "--resume", "twice", *change, "--time", "1000"]) == 0
+    assert json.loads(Path("twice/run.json").read_text())["earlier"] == settings["earlier"]
+    assert len(settings["earlier"]) == 1
+    once, twice = (champions.load(f"{run}/champion.pkl") for run in ("once", "twice"))
+    assert twice.controller == once.controller
+    assert twice.provenance["earlier"] == once.provenance["earlier"]
+
+
+def test_a_new_run_does_not_go_on_from_what_another_left(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
+    common = ["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "2", "--workers", "1", "-o", "run"]
+    assert main(common) == 0
+    for path in Path("run").iterdir():
+        if path.is_file():
+            path.unlink()
+    capsys.readouterr()
+    assert main([*common, "--seed", "5"]) == 2
+    error = capsys.readouterr().err
+    assert "run/checkpoints/generation-000001.json: exists" in error
+    assert error.count("\n") == 1
+    assert not Path("run/champion.pkl").exists()
