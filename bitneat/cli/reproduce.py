@@ -70,12 +70,13 @@ def run(args: argparse.Namespace) -> int:
     budget = BUDGETS[args.budget]
     folder: Path = args.output or Path("runs") / f"reproduce-{budget.name}"
     chosen = _chosen(jobs(budget), args.only)
-    _claim_folder(folder, budget.name)
     if args.list:
+        _is_claimed(folder, budget.name)  # or it is refused
         done = load_all(folder / "results")
         for job in chosen:
             print(f"{'done' if job.name in done else 'open':5} {job.name}")
         return 0
+    _claim_folder(folder, budget.name)
     _require_simulator()
     watch = _Watch(len(chosen))
 
@@ -143,7 +144,7 @@ def _is_claimed(folder: Path, budget: str) -> bool:
     if not path.exists():
         return False
     try:
-        held = json.loads(read_capped(path, 1 << 12))["budget"]
+        held = json.loads(read_capped(path, 1 << 12, regular=True))["budget"]
     except (ValueError, KeyError, TypeError, RecursionError):
         raise BitneatError(f"{path}: damaged: expected a budget's name") from None
     if held != budget:

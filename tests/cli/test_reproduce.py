@@ -108,6 +108,18 @@ def test_a_choice_that_cannot_run_is_one_line(
     assert error.count("\n") == 1
 
 
+def test_a_list_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "new"
+    assert main(["reproduce", "--list", "-o", str(folder)]) == 0
+    assert not folder.exists()
+    assert main(["reproduce", "--list", "--budget", "paper", "-o", str(folder)]) == 0
+    folder.mkdir()
+    (folder / "budget.json").write_text('{"budget": "paper"}')
+    assert main(["reproduce", "--list", "--budget", "smoke", "-o", str(folder)]) == 2
+    assert "holds results of --budget paper" in capsys.readouterr().err
+    assert [path.name for path in folder.iterdir()] == ["budget.json"]
+
+
 def test_a_job_brings_those_that_it_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(tmp_path / "new")
     assert main(["reproduce", "--budget", "smoke", "-o", folder, "--list", "--only", "ptq-int-round-1"]) == 0
