@@ -131,32 +131,34 @@ def remove_leftovers(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def sole_user(folder: Path) -> Iterator[None]:
+def sole_user(folder: Path, *inner: str) -> Iterator[None]:
     """Be the only process that writes into a run folder meanwhile; temporary files of processes that died there go.
 
     What holds the folder is the process: however it ends, the next may begin at once. Where there are no locks, nothing is held.
 
+    Args:
+        folder: of the run.
+        inner: names of folders in it that the run writes into, too.
+
     Raises:
         BitneatError: if another process is at work there.
     """
-    if not _LOCKS:
-        remove_leftovers(folder)
+    with contextlib.ExitStack() as held:
+        if _LOCKS:
+            descriptor = os.open(folder, os.O_RDONLY)
+            held.callback(os.close, descriptor)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise BitneatError(
+                    f"{folder}: another process is at work there; expected a run that none continues"
+                ) from None
+            except OSError:
+                pass
+        for place in (folder, *(folder / name for name in inner)):
+            if not place.is_symlink():
+                remove_leftovers(place)
         yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BitneatError(
-                f"{folder}: another process is at work there; expected a run that none continues"
-            ) from None
-        except OSError:
-            pass
-        remove_leftovers(folder)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _alive(process: int) -> bool:

@@ -184,6 +184,19 @@ def test_a_folder_has_one_user_at_a_time(tmp_path: Path) -> None:
         pass
 
 
+def test_temporary_files_in_the_folders_that_a_user_names_go_too_but_not_through_links(tmp_path: Path) -> None:
+    name = f".x.{2**31 - 1}.0123abcd.tmp"
+    run, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
+    for folder in (run / "front", run / "notes", elsewhere):
+        folder.mkdir(parents=True)
+        (folder / name).touch()
+    (run / "link").symlink_to(elsewhere)
+    with sole_user(run, "front", "link", "missing"):
+        assert not (run / "front" / name).exists()
+        assert (run / "notes" / name).exists()
+        assert (elsewhere / name).exists()
+
+
 def test_a_user_that_is_killed_leaves_the_folder_to_the_next(tmp_path: Path) -> None:
     program = (
         "import sys, time, pathlib, subprocess\n"

@@ -209,7 +209,7 @@ def carry_on(
     called with the leader now and then, and with the champion before it is saved, as by `bitneat.evolve.run.carry_on`.
     """
     began = time.monotonic()
-    with sole_user(folder.path):
+    with sole_user(folder.path, _FRONT):
         if not history:
             refuse_begun(folder.path, POLISH)  # since the folder was made another process may have been there
         else:

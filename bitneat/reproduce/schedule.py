@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bitneat.errors import BitneatError
-from bitneat.files import make_folder, refuse_links
+from bitneat.files import make_folder, refuse_links, remove_leftovers
 from bitneat.orphans import children_ignore_interrupts, end_with_parent
 from bitneat.reproduce.experiments import Job
 from bitneat.reproduce.results import Result, load_all
@@ -61,6 +61,8 @@ def run_all(
     """
     make_folder(folder / "results")
     refuse_links(folder / "results")
+    for place in (folder, folder / "results"):
+        remove_leftovers(place)
     results = load_all(folder / "results")
     _refuse_others(jobs, folder, results)
     waiting = [job for job in jobs if job.name not in results]

@@ -18,6 +18,7 @@ import pytest
 from bitneat.cli.main import main
 from bitneat.evolve.randomness import report_seeds
 from bitneat.reproduce.results import load_all, policy_from_data
+from bitneat.reproduce.schedule import run_all
 from bitneat.sim.walker import run_episodes
 from tests.sealed import resealed
 
@@ -118,6 +119,14 @@ def test_a_list_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main(["reproduce", "--list", "--budget", "smoke", "-o", str(folder)]) == 2
     assert "holds results of --budget paper" in capsys.readouterr().err
     assert [path.name for path in folder.iterdir()] == ["budget.json"]
+
+
+def test_temporary_files_of_killed_processes_are_taken_away(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    for name in (f".README.md.{2**31 - 1}.0123abcd.tmp", f"results/.bit-1.json.{2**31 - 1}.0123abcd.tmp"):
+        (tmp_path / name).touch()
+    assert run_all([], tmp_path, 1, lambda job: "", lambda state: None) == {}
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_a_job_brings_those_that_it_needs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

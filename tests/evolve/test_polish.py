@@ -210,6 +210,7 @@ def test_the_front_is_written_as_champions_with_scores(tmp_path: Path) -> None:
     polish = Polish(asked.start, asked.goal, asked.seed)
     (tmp_path / "front").mkdir()
     (tmp_path / "front" / "1.pkl").write_bytes(b"of before")
+    (tmp_path / "front" / f".22.pkl.{2**31 - 1}.0123abcd.tmp").write_bytes(b"of a process that died")
     carry_on(folder, asked, polish, [], Landscape(), tell=lambda row: None, front=True)
     found = {int(path.stem): load(path) for path in (tmp_path / "front").iterdir()}
     assert found.keys() == {entry.size for entry in polish.front()}
