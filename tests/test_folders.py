@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from bitneat.baselines import train
+from bitneat.baselines import checkpoint, load_result, train
 from bitneat.cli.main import main
+from bitneat.cli.reproduce import _is_claimed
 from bitneat.distill.folder import at_work
 from bitneat.errors import BitneatError
 from bitneat.evolve.run import RunFolder, RunSettings
@@ -206,3 +210,59 @@ def test_a_training_does_not_go_on_from_what_another_left(tmp_path: Path, name: 
     (tmp_path / "run" / name).write_text("of another training")
     with pytest.raises(BitneatError, match=name):
         train("ars", 100, 0, tmp_path / "run")
+
+
+def read_nothing(data: object) -> None:
+    pytest.fail(f"read {data!r:.80}")
+
+
+def distillation(folder: Path) -> None:
+    with at_work(folder, {}):
+        pytest.fail("it begins")
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "distill.json": distillation,
+    "imitation.pt": lambda folder: checkpoint.restore(folder / "imitation.pt", read_nothing),
+    "baseline.json": lambda folder: train("ars", 100, 0, folder),
+    "result.json": load_result,
+    "budget.json": lambda folder: _is_claimed(folder, "smoke"),
+}
+
+
+@pytest.fixture
+def in_time() -> Iterator[None]:
+    def late(*arguments: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.usefixtures("in_time")
+@pytest.mark.parametrize("name", READERS)
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(BitneatError, match=rf"{name}: cannot read: not a regular file"):
+        READERS[name](tmp_path)
+
+
+@pytest.mark.usefixtures("in_time")
+def test_a_pipe_in_the_place_of_a_policy_is_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text('{"hidden": [], "system": "ars"}')
+    os.mkfifo(tmp_path / "policy.npz")
+    with pytest.raises(BitneatError, match=r"policy\.npz: cannot read: not a regular file"):
+        load_result(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["distill.json", "baseline.json", "result.json", "budget.json"])
+@pytest.mark.parametrize(
+    "content", [b"[" * 500_000, b"\xff", b"{", b"9" * 10_000], ids=["deep", "no text", "cut", "long"]
+)
+def test_a_file_that_no_json_can_be_read_from_is_one_line(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BitneatError, match=rf"{name}: (damaged|larger than)[^\n]*$"):
+        READERS[name](tmp_path)

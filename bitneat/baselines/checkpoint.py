@@ -30,11 +30,11 @@ def restore(path: Path, take: Callable[[Any], None]) -> bool:
     Raises:
         BitneatError: if the file is damaged, or ``take`` cannot use what is in it.
     """
-    import torch
-
     if not path.exists():
         return False
-    content = io.BytesIO(read_capped(path, _CAP))
+    content = io.BytesIO(read_capped(path, _CAP, regular=True))
+    import torch
+
     try:
         with zipfile.ZipFile(content) as archive:  # torch is built to skip the checksums in it
             bad = archive.testzip()

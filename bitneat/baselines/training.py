@@ -114,9 +114,9 @@ def load_result(folder: str | Path) -> BaselineResult:
     """
     folder = Path(folder)
     try:
-        data = json.loads(read_capped(folder / RESULT, _CAP))
+        data = json.loads(read_capped(folder / RESULT, _CAP, regular=True))
         hidden, clipped = data["hidden"], data["system"] != "dqn"
-        dense = dense_from_npz(read_capped(folder / POLICY, _CAP), hidden, clipped)
+        dense = dense_from_npz(read_capped(folder / POLICY, _CAP, regular=True), hidden, clipped)
         held_out, library = HeldOut(**data["held_out"]), HeldOut(**data["library_held_out"])
         return BaselineResult(
             data["system"],
@@ -248,7 +248,7 @@ def _is_begun(folder: Path, run: dict[str, Any]) -> bool:
         folders.refuse_taken(folder, folders.BASELINE)
         return False
     try:
-        found = json.loads(read_capped(path, 1 << 20))
+        found = json.loads(read_capped(path, 1 << 20, regular=True))
         # Trainings for the even ground do not name it.
         ours, theirs = {"hardcore": False, **run}, {"hardcore": False, **found}
         differing = [key for key in ours if theirs[key] != ours[key]]

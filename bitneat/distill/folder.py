@@ -44,6 +44,6 @@ def at_work(folder: Path, run: dict[str, Any]) -> Iterator[None]:
 
 def _read(path: Path) -> Any:
     try:
-        return json.loads(read_capped(path, _MAX_BYTES))
-    except ValueError:
+        return json.loads(read_capped(path, _MAX_BYTES, regular=True))
+    except (ValueError, RecursionError):
         raise BitneatError(f"{path}: damaged: no JSON") from None
