@@ -144,14 +144,16 @@ def evolve(
     """
     from bitneat.evolve.config import Config, preset_for
     from bitneat.evolve.config import load as load_config
-    from bitneat.evolve.run import MAX_SEED, RunFolder, RunSettings
+    from bitneat.evolve.randomness import MAX_SEED
+    from bitneat.evolve.run import RunFolder, RunSettings
     from bitneat.evolve.starting import starting_point
     from bitneat.sim.environment import inspect
     from bitneat.sim.walker.trigonometry import probe_for
 
     spec = _spec(environment)
     if type(seed) is not int or not 0 <= seed < MAX_SEED:
-        raise BitneatError(f"seed: {seed!r:.40}: expected an integer from 0")
+        shown = f"{seed!r:.40}" if type(seed) is not int or seed < MAX_SEED else f"of {seed.bit_length()} bits"
+        raise BitneatError(f"seed: {shown}: expected an integer from 0, of at most {MAX_SEED.bit_length() - 1} bits")
     if config is None:
         config = preset_for(spec)
     settings = config if isinstance(config, Config) else load_config(str(config))

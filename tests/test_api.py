@@ -202,6 +202,8 @@ def test_a_run_is_the_commands_and_goes_on_when_it_is_stopped(tmp_path: Path) ->
         ({"seed": -1}, "seed: -1: expected an integer from 0"),
         ({"seed": True}, "seed: True: expected an integer from 0"),
         ({"seed": 1.5}, "seed: 1.5: expected an integer from 0"),
+        ({"seed": 1 << 1024}, "seed: of 1025 bits: expected an integer from 0, of at most 1024 bits"),
+        ({"seed": 1 << 20000}, "seed: of 20001 bits: expected an integer from 0, of at most 1024 bits"),
         ({"simulator": "fast"}, "simulator 'fast': expected one of auto, native, gymnasium"),
         ({"simulator": "native"}, "--simulator native"),
         ({"config": "nothing"}, "nothing"),

@@ -60,7 +60,21 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
         except ValueError:
             value = None
         if value is None or value < least or (most is not None and value > most):
-            raise argparse.ArgumentTypeError(f"{text!r} is not {expected}")
+            raise argparse.ArgumentTypeError(f"{text!r:.80} is not {expected}")
         return value
 
     return parse
+
+
+def seed(text: str) -> int:
+    """The argument type of the seed of a run's whole randomness."""
+    from bitneat.evolve.randomness import MAX_SEED
+
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < MAX_SEED:
+        bits = MAX_SEED.bit_length() - 1
+        raise argparse.ArgumentTypeError(f"{text!r:.80} is not a whole number of 0 or more, of at most {bits} bits")
+    return value

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, add_time, time_limit, whole_number
+from bitneat.cli.arguments import add_json, add_time, seed, time_limit, whole_number
 from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--generations", metavar="N", type=whole_number(1), help="generations; with --resume, a new total"
     )
     add_time(search)
-    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    search.add_argument("--seed", metavar="S", type=seed, help="seed of all randomness (default 0)")
     running = parser.add_argument_group("how it runs, which changes no result")
     add_simulator(running)
     running.add_argument(

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.arguments import add_json, seed, whole_number
 from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole_number(1),
         help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
     )
-    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    search.add_argument("--seed", metavar="S", type=seed, help="seed of all randomness (default 0)")
     running = parser.add_argument_group("how it runs, which changes no result")
     add_simulator(running)
     results = parser.add_argument_group("results")

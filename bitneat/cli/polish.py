@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, add_time, time_limit, whole_number
+from bitneat.cli.arguments import add_json, add_time, seed, time_limit, whole_number
 from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"generations (default {DEFAULT_GENERATIONS}); with --resume, a new total",
     )
     add_time(search)
-    search.add_argument("--seed", metavar="S", type=whole_number(0), help="seed of all randomness (default 0)")
+    search.add_argument("--seed", metavar="S", type=seed, help="seed of all randomness (default 0)")
     running = parser.add_argument_group("how it runs, which changes no result")
     running.add_argument(
         "--import",

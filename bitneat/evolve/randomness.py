@@ -17,6 +17,9 @@ REPORT_START = SELECTION_START + 2**28
 SEED_END = 2**31
 """Episode seeds: search < SELECTION_START <= selection < REPORT_START <= report < SEED_END."""
 
+MAX_SEED = 1 << 1024
+"""Seeds of a run's whole randomness are below it, so that its champion's file can hold them."""
+
 _STREAMS = ("neat", "episodes", "pressure")
 
 

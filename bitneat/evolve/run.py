@@ -38,7 +38,7 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.config import MAX_CONFIG_BYTES, Config, parse
 from bitneat.evolve.evaluation import Evaluator
 from bitneat.evolve.progress import Progress
-from bitneat.evolve.randomness import REPORT_START, SELECTION_START
+from bitneat.evolve.randomness import MAX_SEED, REPORT_START, SELECTION_START
 from bitneat.evolve.recheck import SimulatorsDifferError
 from bitneat.evolve.search import Candidate, Generation, Score, Search
 from bitneat.files import (
@@ -62,7 +62,6 @@ CHECKPOINT_FORMAT = "bitneat-checkpoint"
 VERSION = 2
 """Of ``run.json`` and of checkpoints. Those of version 1, which have no hash, are read, too."""
 CHECKPOINTS_KEPT = 2
-MAX_SEED = 1 << 4096
 MAX_RUN_BYTES = 1 << 26
 MAX_CHECKPOINT_BYTES = 1 << 28
 

@@ -405,3 +405,22 @@ def test_a_new_run_does_not_go_on_from_what_another_left(tiny: str, capsys: pyte
     assert "run/checkpoints/generation-000001.json: exists" in error
     assert error.count("\n") == 1
     assert not Path("run/champion.pkl").exists()
+
+
+@pytest.mark.parametrize("command", ["evolve", "polish", "linear"])
+@pytest.mark.parametrize("seed", [str(1 << 1024), "9" * 5000, "-1", "one"])
+def test_a_seed_that_could_not_be_read_again_is_refused_at_the_start(
+    tiny: str, capsys: pytest.CaptureFixture[str], command: str, seed: str
+) -> None:
+    assert main([command, "--seed", seed, "-o", "run"]) == 2
+    error = capsys.readouterr().err
+    assert "argument --seed: " in error
+    assert f"is not a whole number of 0 or more, of at most 1024 bits (see bitneat {command} --help)\n" in error
+    assert error.count("\n") == 1
+    assert not Path("run").exists()
+
+
+def test_the_largest_seed_is_read_again(tiny: str) -> None:
+    common = ["--env", "CartPole-v1", "--config", tiny, "--generations", "1", "--workers", "1", "-o", "run"]
+    assert main(["evolve", *common, "--seed", str((1 << 1024) - 1)]) == 0
+    assert main(["evolve", "--resume", "run", "--workers", "1"]) == 0
