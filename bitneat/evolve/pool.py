@@ -60,7 +60,8 @@ class WorkerPool:
                 yield result
                 if number < len(jobs) and self._turn is not turn:
                     raise BitneatError("the worker processes have gone on to other jobs")
-            self._turn = None
+            if not jobs:
+                self._turn = None
         except BaseException:
             if self._turn is turn:
                 self._stop()

@@ -82,6 +82,10 @@ def test_what_ended_early_leaves_nothing_for_the_next(pool: WorkerPool) -> None:
     with pytest.raises(BitneatError, match="gone on to other jobs"):
         next(left)
     assert [number for number, _ in pool.map([40, 41, 42])] == [40, 41, 42]
+    over, other = pool.map([50]), pool.map([60, 61, 62])
+    assert [next(over)[0], next(other)[0]] == [50, 60]
+    assert not list(over)  # its end comes late, and is nothing to the other
+    assert [number for number, _ in other] == [61, 62]
 
 
 def test_it_goes_on_after_an_interrupt_and_after_a_death(pool: WorkerPool) -> None:
