@@ -10,7 +10,7 @@ from statistics import fmean
 
 import pytest
 
-from benchmarks.ablation import SEEDS, STEPS, VARIANTS, Walks, jobs, scored, steps_to, table, walks
+from benchmarks.ablation import FINAL_EPISODES, SEEDS, STEPS, VARIANTS, Walks, jobs, scored, steps_to, table, walks
 from bitneat.controller import Constant, Controller, Input, Link, Node, Signal
 from bitneat.evolve.config import load
 from bitneat.evolve.evaluation import NativeWalkerEvaluator
@@ -24,7 +24,9 @@ CONTROLLER = Controller((Input(),), (Node((Link(0),)),), (Signal(1),))
 
 
 def test_each_variant_differs_from_the_preset_in_what_it_names_and_has_the_same_steps() -> None:
-    preset = load("bipedalwalker").with_values("evolve", generations=100_000, max_total_steps=STEPS)
+    preset = load("bipedalwalker").with_values(
+        "evolve", generations=100_000, max_total_steps=STEPS, final_episodes=FINAL_EPISODES
+    )
     seen = set()
     for job in jobs():
         config = configuration(job, {})
