@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.arguments import add_json, seed, whole_number
 from bitneat.cli.columns import columns
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
@@ -70,7 +70,7 @@ def add_method(parser: argparse._ActionsContainer) -> None:
         " search: small changes to the best of the others (default gains)",
     )
     parser.add_argument("--generations", metavar="N", type=whole_number(1), help="of --method search (default 60)")
-    parser.add_argument("--seed", metavar="S", type=whole_number(0), help="of --method search (default 0)")
+    parser.add_argument("--seed", metavar="S", type=seed, help="of --method search (default 0)")
 
 
 def run(args: argparse.Namespace) -> int:

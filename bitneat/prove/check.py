@@ -285,7 +285,7 @@ def _own_sources() -> str:
 
 def _read(path: Path) -> list[FunctionProof] | None:
     try:
-        data = unseal(read_capped(path, _MAX_KEPT_BYTES), str(path))
+        data = unseal(read_capped(path, _MAX_KEPT_BYTES, regular=True), str(path))
         return [FunctionProof.from_data(one) for one in data["functions"]]
     except (BitneatError, KeyError, TypeError, ValueError):
         return None  # not there, or damaged: then it is proved again

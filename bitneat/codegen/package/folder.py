@@ -71,7 +71,7 @@ def _existing(folder: Path, kind: str, name: str) -> _Manifest | None:
 def _read_manifest(path: Path) -> _Manifest | None:
     """The manifest, or None for anything that `package_files` does not write."""
     try:
-        data = json.loads(read_capped(path, MAX_MANIFEST_BYTES))
+        data = json.loads(read_capped(path, MAX_MANIFEST_BYTES, regular=True))
     except (BitneatError, ValueError, RecursionError):
         return None
     if not isinstance(data, dict) or data.get("format") != "bitneat-package":

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -119,6 +120,15 @@ def test_a_manifest_cannot_make_it_delete_anything_elsewhere(working_folder: Pat
     assert command("-o", "legs", "--package", "plain") == 0
     assert victim.read_text() == "mine"
     assert not (folder / "gone.txt").exists()
+
+
+def test_a_pipe_in_the_place_of_a_manifest_is_not_waited_for(
+    working_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (working_folder / "legs").mkdir()
+    os.mkfifo(working_folder / "legs" / "bitneat-package.json")
+    assert command("-o", "legs", "--package", "plain") == 2
+    assert "holds files but no package of bitneat" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("link", ["src", "src/legs.c", "README.md"])
