@@ -21,7 +21,8 @@ from bitneat.errors import BitneatError
 from bitneat.files import make_folder, read_capped, write_atomic
 from bitneat.native.build import cache_dir
 from bitneat.prove.equivalence import Lemmas
-from bitneat.prove.execute import AMD64, CORTEX_M, CORTEX_M0, Processor
+from bitneat.prove.execute import AMD64, CORTEX_M, CORTEX_M0, CORTEX_M4, Processor
+from bitneat.prove.given import require_made_for
 from bitneat.prove.proof import FunctionProof, prove_function
 from bitneat.prove.queries import SOLVERS
 from bitneat.prove.subject import Subject
@@ -37,13 +38,16 @@ PROCESSORS: dict[str, Processor] = {
     "x86-64": AMD64,
     "cortex-m0": CORTEX_M0,
     "cortex-m3": CORTEX_M,
-    "cortex-m4": CORTEX_M,
+    "cortex-m4": CORTEX_M4,
 }
 """The targets whose machine code can be executed on terms."""
 
 TARGETS = ("x86-64", "cortex-m0", "cortex-m4")
 OPTIMIZATIONS = ("-O0", "-Os", "-O2", "-O3")
 """What is proved unless something else is asked for."""
+
+GIVEN = "given"
+"""Level and compiler of a given object, of which nobody can know them."""
 
 PACKAGES = ("pyvex", *SOLVERS)
 _MAX_KEPT_BYTES = 1 << 20
@@ -153,20 +157,22 @@ def prove(
         note: told how far it is.
 
     Raises:
-        BitneatError: if a target is unknown or a tool is missing.
+        BitneatError: if a target is unknown, a tool is missing, or a given object is none for its target.
         CompilerError: if a compiler refuses a file.
     """
     require_tools()
     chips = {name: _chip(name) for name in targets}
     if compiled is not None:
-        read_capped(compiled, MAX_FILE_BYTES)  # or say now that it cannot be read
+        content = read_capped(compiled, MAX_FILE_BYTES)
+        for name in targets:
+            require_made_for(content, compiled, name, PROCESSORS[name])
     report = ProofReport(champion, list(files), paranoid)
     lemmas = Lemmas()
     work = [
         (code, name, optimization)
         for code in files
         for name in targets
-        for optimization in (("given",) if compiled else optimizations)
+        for optimization in ((GIVEN,) if compiled else optimizations)
     ]
     for done, (code, name, optimization) in enumerate(work):
         note(done, len(work), f"{name} {optimization} {code.style}")
@@ -183,7 +189,8 @@ def prove(
             try:
                 if pair is None:
                     sha256 = hashlib.sha256(emulated.image.controller).hexdigest()
-                    pair = PairProof(name, optimization, code.style, toolchain.compiler.title, sha256)
+                    compiler = GIVEN if compiled else toolchain.compiler.title
+                    pair = PairProof(name, optimization, code.style, compiler, sha256)
                 _prove_entry(champion, emulated, pair, lemmas, paranoid=paranoid, use_cache=use_cache)
             finally:
                 emulated.close()

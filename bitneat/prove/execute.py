@@ -38,6 +38,9 @@ class Processor:
         initial: registers whose content at entry is fixed by the calling convention.
         red_zone: bytes below the stack pointer that a function may use.
         thumb: whether the lowest bit of an address says how to execute what is there.
+        machine: ``e_machine`` of its ELF files.
+        architectures: of ARM, those whose instructions it executes, the own one last.
+        thumb2: whether it executes all of Thumb-2, not just what ARMv6-M has of it.
     """
 
     vex: str
@@ -50,6 +53,9 @@ class Processor:
     initial: tuple[tuple[str, int, int], ...] = ()
     red_zone: int = 0
     thumb: bool = False
+    machine: str = ""
+    architectures: tuple[str, ...] = ()
+    thumb2: bool = False
     aligned: bool = False
     """Whether an access that is not at a multiple of its size faults."""
 
@@ -64,6 +70,7 @@ AMD64 = Processor(
     preserved=("rbx", "rbp", "r12", "r13", "r14", "r15"),
     initial=(("dflag", 64, 1), ("cc_op", 64, 0)),  # strings go upwards; flags as they were, which nobody knows
     red_zone=128,
+    machine="EM_X86_64",
 )
 CORTEX_M = Processor(
     vex="ARCH_ARM_LE",
@@ -76,8 +83,12 @@ CORTEX_M = Processor(
     # No instruction in front made the first ones conditional; flags as they were, which nobody knows.
     initial=(("itstate", 32, 0), ("cc_op", 32, 0)),
     thumb=True,
+    machine="EM_ARM",
+    architectures=("v6-M", "v6S-M", "v7-M"),
+    thumb2=True,
 )
-CORTEX_M0 = replace(CORTEX_M, aligned=True)
+CORTEX_M0 = replace(CORTEX_M, architectures=("v6-M", "v6S-M"), thumb2=False, aligned=True)
+CORTEX_M4 = replace(CORTEX_M, architectures=(*CORTEX_M.architectures, "v7E-M"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +228,18 @@ class Machine:
             raise UnsupportedError(f"at {address:#x}: {error}") from None
         return block.statements, block.next, block.jumpkind
 
+    def _require_armv6m(self, address: int, size: int) -> None:
+        """The lifter knows all of Thumb-2, of which ARMv6-M has calls and barriers alone (ARM DDI 0419, A5.3)."""
+        at = address - self._program.code.start
+        first, second = (int.from_bytes(self._program.content[at + i : at + i + 2], "little") for i in (0, 2))
+        if size == 4:
+            is_call = first & 0xF800 == 0xF000 and second & 0xD000 == 0xD000
+            is_barrier = first == 0xF3BF and second & 0xFF00 == 0x8F00 and second & 0xF0 in (0x40, 0x50, 0x60)
+            if not is_call and not is_barrier:
+                raise Violation(f"executes {first:04x} {second:04x}, an instruction that ARMv6-M does not have")
+        elif first & 0xF500 == 0xB100 or (first & 0xFF00 == 0xBF00 and first & 0xF):  # cbz, cbnz; it
+            raise Violation(f"executes {first:04x}, an instruction that ARMv6-M does not have")
+
     def _known(self, term: Term, what: str) -> int:
         if not term.is_const:
             raise Violation(what)
@@ -245,6 +268,8 @@ class Machine:
                 self._instructions += 1
                 if self._instructions > MAX_INSTRUCTIONS:
                     raise Violation(f"did not come back within {MAX_INSTRUCTIONS} instructions")
+                if self._processor.thumb and not self._processor.thumb2:
+                    self._require_armv6m(statement.addr, statement.len)
             case "Ist_WrTmp":
                 self._temporaries[statement.tmp] = self._expression(statement.data)
             case "Ist_Put":

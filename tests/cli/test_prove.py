@@ -81,6 +81,75 @@ def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
     assert main(given) == 1
 
 
+GIVEN = ["prove", "--c", "walker.c", "--object", "walker.o", "--no-cache"]
+
+
+def _compile(cpu: str) -> None:
+    gcc = shutil.which("arm-none-eabi-gcc")
+    if gcc is None:
+        pytest.skip("needs arm-none-eabi-gcc")
+    subprocess.run([gcc, f"-mcpu={cpu}", "-mthumb", "-Os", "-c", "walker.c", "-o", "walker.o"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("cpu", "target", "architecture"),
+    [("cortex-m4", "cortex-m0", "v7E-M"), ("cortex-m3", "cortex-m0", "v7-M"), ("cortex-m4", "cortex-m3", "v7E-M")],
+)
+def test_an_object_for_a_larger_processor_is_refused(
+    cpu: str, target: str, architecture: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _compile(cpu)
+    assert main([*GIVEN, "--targets", target]) == 2
+    error = capsys.readouterr().err
+    assert f"walker.o: was compiled for ARM{architecture}, expected ARMv6-M or" in error
+    assert error.count("\n") == 1
+
+
+def test_an_object_for_a_smaller_processor_is_proved_and_no_compiler_is_claimed(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _compile("cortex-m0")
+    assert main([*GIVEN, "--targets", "cortex-m4", "--json", "proof.json"]) == 0
+    assert json.loads((folder / "proof.json").read_text())["pairs"][0]["compiler"] == "given"
+    assert "gcc" not in capsys.readouterr().out
+
+
+def test_an_object_that_does_not_say_for_what_it_is_or_lies_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    objcopy = shutil.which("arm-none-eabi-objcopy")
+    if objcopy is None:
+        pytest.skip("needs arm-none-eabi-objcopy")
+    _compile("cortex-m0")
+    subprocess.run([objcopy, "--dump-section", ".ARM.attributes=m0", "walker.o"], check=True)
+    _compile("cortex-m4")
+    subprocess.run([objcopy, "--remove-section", ".ARM.attributes", "walker.o", "stripped.o"], check=True)
+    subprocess.run([objcopy, "--update-section", ".ARM.attributes=m0", "walker.o"], check=True)
+    shutil.copy("stripped.o", "other.o")
+    assert main([*GIVEN[:3], "--object", "other.o", "--targets", "cortex-m0"]) == 2
+    assert "other.o: does not say for which ARM it was compiled, expected ARMv6-M" in capsys.readouterr().err
+    assert main([*GIVEN, "--targets", "cortex-m0"]) == 1
+    assert "an instruction that ARMv6-M does not have" in capsys.readouterr().out
+
+
+def test_an_object_of_another_machine_and_what_is_none_are_named(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _compile("cortex-m0")
+    assert main([*GIVEN, "--targets", "x86-64"]) == 2
+    assert "walker.o: is for ARM, 32 bits, little-endian; expected X86_64, 64 bits" in capsys.readouterr().err
+    whole = Path("walker.o").read_bytes()
+    for content, message in (
+        (Path("champion.pkl").read_bytes(), "walker.o: not an ELF file, expected an object"),
+        (whole[:40], "walker.o: a damaged ELF file"),
+        (whole[:16] + b"\x02" + whole[17:], "walker.o: is linked already"),
+        (whole.replace(b"walker_step\0", b"walker_stop\0"), "walker.o: "),
+    ):
+        Path("walker.o").write_bytes(content)
+        assert main([*GIVEN, "--targets", "cortex-m0"]) == 2
+        assert message in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

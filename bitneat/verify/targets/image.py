@@ -142,7 +142,7 @@ def build_image(
         # zig's linker leaves out the symbols unless debugging was asked for.
         debug = ["-g"] if toolchain.compiler.family == "zig" else []
         arguments = [*toolchain.flags, "-nostdlib", "-static", *debug, *link_flags]
-        link_program([controller, driver], toolchain.compiler, arguments, linked, what=str(code.path))
+        link_program([controller, driver], toolchain.compiler, arguments, linked, what=str(compiled or code.path))
         return Image(linked.read_bytes(), code, entry, batch)
 
 
