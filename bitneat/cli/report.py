@@ -114,8 +114,8 @@ def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
     champion = load(args.champion / "champion.pkl" if folder is not None else args.champion)
     history = None if folder is None else read_history(folder)
     others = [(path.stem, load(path)) for path in args.compare]
-    proof = None if args.prove is None else _verdict(args.prove, champion)
-    given = None if args.verify is None else _verdict(args.verify, champion)
+    proof = None if args.prove is None else _verdict(args.prove, "prove", champion)
+    given = None if args.verify is None else _verdict(args.verify, "verify", champion)
     environment = environment_of(champion, Settings())
     targets = select(target_names(args.targets or DEFAULT_TARGETS))
     episodes = record(
@@ -155,8 +155,8 @@ def _verified(args: argparse.Namespace, champion: Champion, progress: _Progress)
         ).to_data()
 
 
-def _verdict(path: Path, champion: Champion) -> Mapping[str, Any]:
-    """A report of verify or prove, if it is of this controller."""
+def _verdict(path: Path, command: str, champion: Champion) -> Mapping[str, Any]:
+    """What a command's ``--json`` wrote, if that is verify or prove as expected, and it is of this controller."""
     from bitneat.files import read_capped
 
     try:
@@ -168,11 +168,22 @@ def _verdict(path: Path, champion: Champion) -> Mapping[str, Any]:
     sha256 = controller.get("sha256") if isinstance(controller, dict) else None
     if not isinstance(data, dict) or data.get("verdict") not in ("pass", "fail"):
         raise BitneatError(f"{path}: expected a report with a verdict, pass or fail")
+    written = _command(data)
+    if written != command:
+        what = f"was written by {written} --json" if written else "is no report of verify or prove"
+        raise BitneatError(f"{path}: {what}, expected one that {command} --json wrote")
     if sha256 != champion.controller.sha256:
         raise BitneatError(
             f"{path}: is of controller {str(sha256)[:12]}, the champion's is {champion.controller.sha256[:12]}"
         )
     return data
+
+
+def _command(data: Mapping[str, Any]) -> str | None:
+    """Which command wrote a report: it says so, and reports of before, which did not, differ in what they have."""
+    kinds = {"verify": isinstance(data.get("targets"), list), "prove": isinstance(data.get("pairs"), list)}
+    named = data.get("command")
+    return next((kind for kind, fits in kinds.items() if fits and named in (kind, None)), None)
 
 
 def _seeds(text: str) -> tuple[int, ...]:

@@ -114,6 +114,7 @@ class ProofReport:
         """As JSON has it; the keys are those of ``verify --json`` where they mean the same."""
         controller = self.champion.controller.canonical
         return {
+            "command": "prove",
             "verdict": "pass" if self.passed else "fail",
             "controller": {
                 "sha256": controller.sha256,

@@ -108,6 +108,7 @@ class Report:
     def to_data(self) -> dict[str, Any]:
         """The content of ``verify --json``."""
         data: dict[str, Any] = {
+            "command": "verify",
             "verdict": "pass" if self.passed else "fail",
             "controller": controller_data(self.controller),
             "c_file": str(self.code.path) if self.handed_out else None,

@@ -65,7 +65,8 @@ def test_the_c_on_the_page_is_what_codegen_writes(tmp_path: Path) -> None:
 
 def test_other_champions_stand_in_the_chart_of_reward_and_size(tmp_path: Path) -> None:
     verified = tmp_path / "v.json"
-    verified.write_text(json.dumps({"verdict": "pass", "controller": {"sha256": load(TINY).controller.sha256}}))
+    controller = {"sha256": load(TINY).controller.sha256}
+    verified.write_text(json.dumps({"verdict": "pass", "controller": controller, "targets": []}))
     arguments = ["--verify", str(verified), "--targets", "host-table", "--seeds", "127", "--compare", str(WALKER)]
     html = write_page(TINY, tmp_path / "page.html", *arguments)
     assert "this champion: 32 bytes, 311.7" in html
@@ -79,7 +80,7 @@ def test_a_failed_verification_is_shown_and_the_exit_status_says_so(tmp_path: Pa
     report = {"verdict": "fail", "controller": controller, "failures": ["host: <output> 0 is 1"], "targets": [1, {}]}
     (tmp_path / "v.json").write_text(json.dumps(report))
     (tmp_path / "p.json").write_text(
-        json.dumps({"verdict": "pass", "controller": controller, "claims": [{"a": "<b>"}]})
+        json.dumps({"verdict": "pass", "controller": controller, "pairs": [], "claims": [{"a": "<b>"}]})
     )
     arguments = ["--targets", "host-table", "--verify", str(tmp_path / "v.json"), "--prove", str(tmp_path / "p.json")]
     html = write_page(tmp_path / "c.pkl", tmp_path / "page.html", *arguments, "--seeds", "1", status=1)
@@ -94,20 +95,50 @@ def test_a_failed_verification_is_shown_and_the_exit_status_says_so(tmp_path: Pa
     [
         ("{", "not the JSON of a report"),
         ('{"verdict": "maybe"}', "expected a report with a verdict, pass or fail"),
-        ('{"verdict": "pass", "controller": {"sha256": "abc"}}', "is of controller abc, the champion's is "),
+        (
+            '{"verdict": "pass", "controller": {"sha256": "abc"}, "targets": []}',
+            "is of controller abc, the champion's is ",
+        ),
+        (
+            '{"verdict": "pass", "controller": {"sha256": "abc"}, "command": "verify"}',
+            "is no report of verify or prove",
+        ),
     ],
 )
 def test_a_verdict_on_something_else_is_refused(
     content: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_pickle(plain_champion(), tmp_path / "c.pkl")
-    (tmp_path / "v.json").write_text(content)
-    for option in ("--verify", "--prove"):
+    for option, key in (("--verify", "targets"), ("--prove", "pairs")):
+        (tmp_path / "v.json").write_text(content.replace("targets", key))
         arguments = [str(tmp_path / "c.pkl"), "-o", str(tmp_path / "p.html"), option, str(tmp_path / "v.json")]
         assert main(["report", *arguments]) == 2
         err = capsys.readouterr().err
         assert err.startswith(f"bitneat: {tmp_path / 'v.json'}: {message}")
         assert err.count("\n") == 1
+
+
+def test_a_report_of_verify_is_no_proof_and_the_other_way_round(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whose = plain_champion()
+    save_pickle(whose, tmp_path / "c.pkl")
+    bare = {"verdict": "pass", "controller": {"sha256": whose.controller.sha256}}
+    verified, proved = bare | {"targets": [], "c_sha256": "0"}, bare | {"pairs": [], "tools": {}}
+    arguments = ["report", str(tmp_path / "c.pkl"), "-o", str(tmp_path / "page.html")]
+    for option, report, found in (
+        ("prove", verified, "was written by verify --json"),
+        ("prove", {"command": "verify", **verified}, "was written by verify --json"),
+        ("verify", proved, "was written by prove --json"),
+        ("verify", {"command": "prove", **proved}, "was written by prove --json"),
+        ("verify", bare, "is no report of verify or prove"),
+        ("prove", bare, "is no report of verify or prove"),
+    ):
+        (tmp_path / "v.json").write_text(json.dumps(report))
+        assert main([*arguments, f"--{option}", str(tmp_path / "v.json")]) == 2
+        message = f"bitneat: {tmp_path / 'v.json'}: {found}, expected one that {option} --json wrote\n"
+        assert capsys.readouterr().err == message
+    assert not (tmp_path / "page.html").exists()
 
 
 def test_what_cannot_have_a_page_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -286,7 +286,7 @@ def test_the_report_has_exactly_the_promised_keys(tmp_path: Path) -> None:
     whose = plain_champion()
     data = verify(whose, written(whose, tmp_path), select(HOST), SHORT).to_data()
     assert list(data) == [
-        "verdict", "controller", "c_file", "c_sha256", "environment", "episodes", "steps", "reward", "inputs",
+        "command", "verdict", "controller", "c_file", "c_sha256", "environment", "episodes", "steps", "reward", "inputs",
         "saturated_outputs", "targets",
     ]  # fmt: skip
     assert list(data["controller"]) == ["sha256", "ternary", "nodes", "links", "packed_bytes", "paper_bytes"]

@@ -63,7 +63,8 @@ def walker(tmp_path_factory: pytest.TempPathFactory) -> Made:
     assert isinstance(champion.provenance, dict)
     champion = replace(champion, provenance={**champion.provenance, HOSTILE: HOSTILE, "tool": HOSTILE})
     save_pickle(champion, folder / "champion.pkl")
-    verify = {"verdict": "pass", "controller": {"sha256": champion.controller.sha256}, "environment": HOSTILE}
+    controller = {"sha256": champion.controller.sha256}
+    verify = {"verdict": "pass", "controller": controller, "environment": HOSTILE, "targets": []}
     (folder / "verify.json").write_text(json.dumps(verify))
     arguments = ["--targets", "host-table", "--verify", str(folder / "verify.json"), "--seeds", f"{FIRST},{SECOND}"]
     html = write_page(folder / "champion.pkl", folder / "report.html", *arguments)
