@@ -102,7 +102,11 @@ class Program:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """A function that has returned."""
+    """A function that has returned.
+
+    ``stack_bytes`` is the deepest its stack was, as verify measures it: from the stack pointer before the call, so with the
+    return address that a call pushes, to the lowest address that the stack pointer reached or that was touched.
+    """
 
     memory: Memory
     returned: Term
@@ -138,7 +142,7 @@ class Machine:
         self._at = 0
         self._instructions = 0
         self._stack_accesses: list[int] = []
-        self._pointer_before = self._stack_top
+        self._pointer_before = self._lowest_pointer = self._stack_top
         self._set_up()
 
     def _set_up(self) -> None:
@@ -195,7 +199,7 @@ class Machine:
             self.memory,
             self._get(processor.result),
             self._instructions,
-            self._stack_top - min(self.memory.lowest_stack, self._stack_top),
+            _STACK_TOP - min(self.memory.lowest_stack, self._lowest_pointer),
         )
 
     def _block(self, address: int) -> int:
@@ -258,6 +262,7 @@ class Machine:
             self._stack_accesses.clear()
         pointer_term = self._get(self._processor.stack_pointer)
         self._pointer_before = pointer_term.unsigned if pointer_term.is_const else self._stack_top
+        self._lowest_pointer = min(self._lowest_pointer, self._pointer_before)
 
     def _statement(self, statement: Any) -> int | None:
         """Execute one; the address that it jumps to, if it does."""

@@ -72,3 +72,17 @@ def test_the_smallest_cortex_has_barriers_and_hints() -> None:
     # movs r2, #0; dmb sy; nop; bx lr
     code = "0022bff35f8f00bf7047"
     assert run(CORTEX_M0, code, Terms()).instructions == 4
+
+
+@pytest.mark.parametrize(
+    ("processor", "code", "expected"),
+    [
+        (CORTEX_M, "7047", 0),  # bx lr
+        (AMD64, "c3", 8),  # ret, from the address that the call pushed
+        (CORTEX_M, "82b0 0093 02b0 7047", 8),  # sub sp, #8; str r3, [sp]; add sp, #8; bx lr
+        (CORTEX_M, "82b0 0193 02b0 7047", 8),  # the same with str r3, [sp, #4]: what is not touched is taken, too
+        (AMD64, "48894424f0 c3", 24),  # movq %rax, -16(%rsp): in the red zone
+    ],
+)
+def test_the_stack_is_what_a_caller_must_have_left(processor: Processor, code: str, expected: int) -> None:
+    assert run(processor, code.replace(" ", ""), Terms()).stack_bytes == expected

@@ -39,6 +39,16 @@ def test_a_committed_champion_is_proved(style: Style, target: str, level: str, t
         assert proof.verdict == "proved", proof.reason
 
 
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("target", ["x86-64", "cortex-m0"])
+def test_the_stack_is_the_one_that_verify_measures(style: Style, target: str, tmp_path: Path) -> None:
+    whose = load(CHAMPIONS / "tiny.pkl")
+    with compiled(written(whose, tmp_path, style), target) as emulated:
+        proof = proof_of(whose, emulated, target)
+        traced = emulated.trace(random_vectors(whose.controller, 1, 1), 1)
+    assert proof.stack_bytes == traced.stack
+
+
 def test_a_choice_among_actions_is_proved_and_a_wrong_one_is_not(tmp_path: Path) -> None:
     whose = champion("CartPole-v1")
     assert isinstance(whose.action, DiscreteAction)
