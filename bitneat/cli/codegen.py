@@ -129,7 +129,7 @@ def _names(args: argparse.Namespace) -> tuple[str, str]:
             raise BitneatError("--selftest: every package has its self-test; leave it out with --package")
         name = args.name or output.absolute().name
         source = "--name" if args.name else f"{output} (choose another with --name)"
-        return check_name(name, source), name
+        return check_file_stem(check_name(name, source), source), name
     if output.suffix != ".c" or output.is_dir():
         raise BitneatError(f"{output}: expected a file name that ends in .c")
     check_file_stem(output.stem, "-o")

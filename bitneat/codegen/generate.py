@@ -94,8 +94,8 @@ def generate(
         CompilerError: if there is a choice between styles or encodings, and no compiler to measure with.
     """
     check_name(name)
-    if header_name is not None:
-        check_file_stem(header_name.removesuffix(".h"), "header name")
+    header_name = header_name or f"{name}.h"
+    check_file_stem(header_name.removesuffix(".h"), "header name")
     canonical = controller.canonical
     if all(isinstance(output, Constant) for output in canonical.outputs):
         raise CodegenError("controller: no path from any input to an output, nothing to generate")
@@ -109,7 +109,6 @@ def generate(
         guard=guard,
         version=__version__,
     )
-    header_name = header_name or f"{name}.h"
     candidates = []
     if style != "table":
         candidates.append(_unrolled(interface, header_name))

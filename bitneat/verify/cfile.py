@@ -13,6 +13,7 @@ from pathlib import Path
 from bitneat.champion import Champion
 from bitneat.champion import load as load_champion
 from bitneat.codegen import STYLES, CNameError, GeneratedC, Style, check_name, generate
+from bitneat.codegen.names import check_file_stem
 from bitneat.controller.packing import ENCODINGS
 from bitneat.errors import BitneatError
 from bitneat.files import read_capped
@@ -286,6 +287,6 @@ def _is_another_champions(code: CFile, path: Path) -> bool:
 def c_name_for(path: Path) -> str:
     """A name for C that is generated only to be judged: that of the champion's file where it can be one."""
     try:
-        return check_name(path.stem)
+        return check_file_stem(check_name(path.stem), "")
     except CNameError:
         return "controller"

@@ -55,6 +55,11 @@ def test_the_file_name_is_the_name_unless_one_is_given(folder: Path) -> None:
     [
         (["champion.pkl", "-o", "walker.txt"], "ends in .c"),
         (["champion.pkl", "-o", "int.c"], "reserved word"),
+        (["champion.pkl", "-o", "stdint.c"], "-o: stdint.h is a header of the C library, which it would hide"),
+        (["champion.pkl", "-o", "Limits.c", "--name", "legs"], "-o: Limits.h is a header of the C library"),
+        (["champion.pkl", "-o", "math", "--package", "plain"], "math.h is a header of the C library"),
+        (["champion.pkl", "-o", "linux.c"], "'linux' is a macro that some compilers define"),
+        (["champion.pkl", "-o", "walker.c", "--name", "typeof"], "--name: 'typeof' is a reserved word"),
         (["champion.pkl", "-o", "walker.c", "--name", ""], "no C identifier"),
         (["champion.pkl", "-o", "walker.c", "--name", "9"], "no C identifier"),
         (["champion.pkl", "-o", 'a"b.c', "--name", "w"], "cannot name C files"),

@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import random
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -271,6 +272,28 @@ def test_of_a_long_stem_fifty_characters_are_shown() -> None:
         check_file_stem("!" * 50, "-o")
     with pytest.raises(CNameError, match=rf"^-o: \"'{'!' * 50}'\" cannot name C files"):
         check_file_stem("!" * 51, "-o")
+
+
+@pytest.mark.parametrize("language", ["c", "c++"])
+def test_no_name_that_is_let_pass_is_a_macro_or_a_word_of_a_compiler_called_without_a_standard(language: str) -> None:
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("needs gcc")
+    command = [compiler, "-x", language, "-dM", "-E", os.devnull]
+    defined = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    for name in {line.split()[1] for line in defined.splitlines()} | {"typeof", "asm", "typeof_unqual"}:
+        for check in (check_name, check_member_name):
+            with pytest.raises(CNameError):
+                check(name, "map")
+
+
+def test_no_header_of_the_c_library_is_hidden() -> None:
+    for name in ("stdint", "string", "math", "Features"):
+        with pytest.raises(CNameError, match=rf"^here: {name}\.h is a header of the C library"):
+            check_file_stem(name, "here")
+    with pytest.raises(CNameError, match=r"^header name: time\.h is a header"):
+        generate(CHOICE, "time", "unrolled")
+    assert generate(CHOICE, "time", "unrolled", header_name="clock.h").name == "time"
 
 
 def test_a_table_shifts_by_a_field_only_where_gains_differ() -> None:

@@ -174,6 +174,8 @@ def test_a_self_test_is_no_controller(tmp_path: Path) -> None:
     assert len(find(plain_champion(), tmp_path / "champion.pkl", (tmp_path,)).matching) == 1
 
 
-@pytest.mark.parametrize(("stem", "name"), [("walker", "walker"), ("my-walker", "controller"), ("int", "controller")])
+@pytest.mark.parametrize(
+    ("stem", "name"), [("walker", "walker"), ("my-walker", "controller"), ("int", "controller"), ("time", "controller")]
+)
 def test_the_name_is_that_of_the_champions_file_where_it_can_be(stem: str, name: str) -> None:
     assert c_name_for(Path(f"{stem}.pkl")) == name

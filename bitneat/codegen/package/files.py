@@ -21,6 +21,8 @@ class Layout:
     templates: Mapping[str, str]
     reserved: frozenset[str] = frozenset()
     """Names that the ecosystem keeps for itself."""
+    headers: frozenset[str] = frozenset()
+    """Stems, in small letters, of headers that its programs include by a name without a folder."""
 
 
 # CMake's own targets, and those that its generators add.
@@ -29,20 +31,29 @@ _CMAKE_TARGETS = frozenset(
     " rebuild_cache run_tests test uninstall zero_check".split()
 )
 
+# Of Arduino's cores and of the libraries that come with them.
+_ARDUINO_HEADERS = frozenset(
+    "arduino binary client eeprom ethernet hardwareserial hid ipaddress keyboard liquidcrystal mouse new pins_arduino"
+    " pluggableusb print printable sd server servo softwareserial spi stepper stream udp usbapi wcharacter wifi wire"
+    " wiring_private wstring".split()
+)
+
 KINDS: Mapping[str, Layout] = {
     "plain": Layout({"Makefile": "plain/Makefile.j2"}),
     "cmake": Layout(
         {"CMakeLists.txt": "cmake/CMakeLists.txt.j2", "NAMEConfig.cmake": "cmake/Config.cmake.j2"}, _CMAKE_TARGETS
     ),
     "arduino": Layout(
-        {"library.properties": "arduino/library.properties.j2", "examples/NAME/NAME.ino": "arduino/example.ino.j2"}
+        {"library.properties": "arduino/library.properties.j2", "examples/NAME/NAME.ino": "arduino/example.ino.j2"},
+        headers=_ARDUINO_HEADERS,
     ),
     "platformio": Layout(
         {
             "library.json": "platformio/library.json.j2",
             "examples/NAME/platformio.ini": "platformio/platformio.ini.j2",
             "examples/NAME/src/main.c": "platformio/main.c.j2",
-        }
+        },
+        headers=_ARDUINO_HEADERS,
     ),
     "zephyr": Layout(
         {
@@ -66,6 +77,10 @@ def package_files(package: Package) -> dict[str, str]:
     layout = KINDS[package.kind]
     if package.name.lower() in layout.reserved:
         raise PackageError(f"--name: {package.name!r} is a target of its own in {package.kind}; choose another name")
+    if package.name.lower() in layout.headers:
+        raise PackageError(
+            f"--name: {package.name}.h is a header of Arduino, which it would hide in {package.kind}; choose another name"
+        )
     files = {
         f"src/{package.code.header_name}": package.code.header,
         f"src/{package.name}.c": package.code.source,

@@ -181,6 +181,8 @@ def test_a_new_folder_that_cannot_be_finished_does_not_appear(
         (["-o", "missing/legs", "--package", "plain"], "missing/legs: cannot write"),
         (["-o", "9legs", "--package", "plain"], "9legs (choose another with --name)"),
         (["-o", "my-legs", "--package", "plain"], "no C identifier"),
+        (["-o", "Arduino", "--package", "arduino"], "Arduino.h is a header of Arduino, which it would hide in arduino"),
+        (["-o", "legs", "--name", "wire", "--package", "platformio"], "wire.h is a header of Arduino, which it would"),
         (["-o", "test", "--package", "cmake"], "'test' is a target of its own in cmake"),
         (["-o", "legs", "--package", "cmake", "--name", "Install"], "'Install' is a target of its own in cmake"),
         (["-o", "legs", "--package", "plain", "--selftest"], "--selftest: every package has its self-test"),

@@ -112,6 +112,8 @@ def changed(old: str, new: str) -> str:
         (changed('"speed"', '"2nd"'), "inputs[0].name: '2nd' is no C identifier"),
         (changed('"speed"', '"x; int y"'), "is no C identifier"),
         (changed('"speed"', '"while"'), "reserved word"),
+        (changed('"speed"', '"typeof"'), "reserved word"),
+        (changed('"speed"', '"i386"'), "'i386' is a macro that some compilers define"),
         (changed('"speed"', '"INT16_MAX"'), "may be a macro"),
         (changed('"speed"', '"input_0"'), "inputs: two are named input_0"),
         (changed('"speed"', "7"), "inputs[0].name: expected a string"),
