@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +30,8 @@ EXAMPLE = """\
 FILES = """\
   CHAMPION         read: champion.pkl or champion.json
   FILE.c, FILE.h   written; with --selftest and --sensor more beside them
-  DIR/             with --package: written, or renewed if it is such a package"""
+  DIR/             with --package: written, or renewed if it is such a package;
+                   folders above them that are missing are made"""
 
 KINDS = ("plain", "cmake", "arduino", "platformio", "zephyr")
 
@@ -130,13 +132,22 @@ def _names(args: argparse.Namespace) -> tuple[str, str]:
         name = args.name or output.absolute().name
         source = "--name" if args.name else f"{output} (choose another with --name)"
         return check_file_stem(check_name(name, source), source), name
-    if output.suffix != ".c" or output.is_dir():
+    if output.is_dir():
+        raise BitneatError(f"{output}: is a folder, expected a file name that ends in .c")
+    if output.suffix != ".c":
         raise BitneatError(f"{output}: expected a file name that ends in .c")
     check_file_stem(output.stem, "-o")
-    require_writable(output)
+    require_writable(_first_missing(output))
     if args.name is None:
         return check_name(output.stem, f"{output} (choose another with --name)"), output.stem
     return check_name(args.name, "--name"), output.stem
+
+
+def _first_missing(path: Path) -> Path:
+    """What has to be made first for a file to be written: it, or the highest of its folders that is missing."""
+    while path != path.parent and not os.path.lexists(path.parent):
+        path = path.parent
+    return path
 
 
 def _sensor_plan(path: Path | None, champion: Champion) -> SensorPlan | None:
@@ -176,7 +187,7 @@ def _write_files(
     args: argparse.Namespace, champion: Champion, code: GeneratedC, sensor_code: SensorFiles | None
 ) -> list[Path]:
     from bitneat.codegen import selftest
-    from bitneat.files import write_atomic
+    from bitneat.files import make_folder, write_atomic
 
     output: Path = args.output
     files = {output.with_suffix(".h"): code.header, output: code.source}
@@ -188,6 +199,7 @@ def _write_files(
         if args.selftest:
             files[output.with_name(f"{output.stem}_sensors_selftest.c")] = sensor_code.selftest
     _check_json(args, files)
+    make_folder(output.parent)
     for path, text in files.items():
         write_atomic(path, text.encode("ascii"))
     return list(files)

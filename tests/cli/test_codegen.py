@@ -50,6 +50,19 @@ def test_the_file_name_is_the_name_unless_one_is_given(folder: Path) -> None:
     assert '#include "my-legs.h"' in (folder / "my-legs_selftest.c").read_text()
 
 
+def test_missing_folders_are_made_when_all_else_is_well(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example = ["-o", "build/c/legs.c", "--name", "legs", "--style", "table", "--guard", "--selftest"]
+    assert "missing.pkl" in refused(capsys, "missing.pkl", *example)
+    assert not (folder / "build").exists()
+    assert main(["codegen", "champion.pkl", *example]) == 0
+    assert sorted(path.name for path in (folder / "build" / "c").iterdir()) == ["legs.c", "legs.h", "legs_selftest.c"]
+
+
+def test_a_folder_with_the_name_of_a_source_is_said_to_be_one(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "k.c").mkdir()
+    assert "k.c: is a folder, expected a file name" in refused(capsys, "champion.pkl", "-o", "k.c")
+
+
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
@@ -63,7 +76,7 @@ def test_the_file_name_is_the_name_unless_one_is_given(folder: Path) -> None:
         (["champion.pkl", "-o", "walker.c", "--name", ""], "no C identifier"),
         (["champion.pkl", "-o", "walker.c", "--name", "9"], "no C identifier"),
         (["champion.pkl", "-o", 'a"b.c', "--name", "w"], "cannot name C files"),
-        (["champion.pkl", "-o", "missing/walker.c"], "missing/walker"),
+        (["champion.pkl", "-o", "champion.pkl/build/walker.c"], "champion.pkl/build: cannot write: Not a directory"),
         (["nothing.pkl", "-o", "walker.c"], "nothing.pkl"),
         (["champion.pkl", "-o", "walker.c", "--json", "walker.h"], "another file"),
         (["champion.pkl", "-o", "walker.c", "--style", "fast"], "--style"),

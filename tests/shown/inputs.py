@@ -104,7 +104,6 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "brief configuration": _brief,
     "run": _run,
     "sensor map": _sensor_map,
-    "folder": Path.mkdir,
 }
 """What there is, and how it is made."""
 

@@ -28,12 +28,12 @@ class _Manifest:
 def write_package(folder: Path, kind: str, name: str, files: Mapping[str, str]) -> None:
     """Write the files of a package into ``folder``.
 
-    A folder that does not exist, or is empty, is made beside its place and renamed. One that holds a package of this kind
-    and name is renewed file by file, each whole at any moment, the manifest last; then files of the old package that the new
-    one has no more are removed. What the user put beside them stays.
+    A folder that does not exist, or is empty, is made beside its place and renamed; missing ones above it are made first. One
+    that holds a package of this kind and name is renewed file by file, each whole at any moment, the manifest last; then files
+    of the old package that the new one has no more are removed. What the user put beside them stays.
 
     Raises:
-        PackageError: if ``folder`` is anything else, or cannot be written.
+        BitneatError: if ``folder`` is anything else, or cannot be written.
     """
     old = _existing(folder, kind, name)
     try:
@@ -93,6 +93,7 @@ def _stays_inside(path: str) -> bool:
 def _make(folder: Path, files: Mapping[str, str]) -> None:
     target = Path(os.path.realpath(folder))
     temporary = temporary_name(target)
+    make_folder(target.parent)
     try:
         temporary.mkdir()
         _write_all(temporary, files)

@@ -162,6 +162,12 @@ def test_a_new_folder_is_on_the_disk_before_the_command_ends(
     assert there == [(working_folder, True)]
 
 
+def test_missing_folders_above_a_package_are_made(working_folder: Path) -> None:
+    assert command("-o", "libraries/own/legs", "--package", "arduino") == 0
+    assert [path.name for path in (working_folder / "libraries" / "own").iterdir()] == ["legs"]
+    assert (working_folder / "libraries" / "own" / "legs" / "src" / "legs.c").is_file()
+
+
 def test_a_new_folder_that_cannot_be_finished_does_not_appear(
     working_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -178,7 +184,7 @@ def test_a_new_folder_that_cannot_be_finished_does_not_appear(
     ("options", "why"),
     [
         (["-o", "champion.pkl", "--package", "plain", "--name", "legs"], "champion.pkl: cannot be a package's folder"),
-        (["-o", "missing/legs", "--package", "plain"], "missing/legs: cannot write"),
+        (["-o", "champion.pkl/lib/legs", "--package", "plain"], "champion.pkl/lib"),
         (["-o", "9legs", "--package", "plain"], "9legs (choose another with --name)"),
         (["-o", "my-legs", "--package", "plain"], "no C identifier"),
         (["-o", "Arduino", "--package", "arduino"], "Arduino.h is a header of Arduino, which it would hide in arduino"),
