@@ -83,10 +83,10 @@ def run(args: argparse.Namespace) -> int:
     """Prove, print, and say by the exit status whether it holds."""
     from bitneat.champion import load
     from bitneat.files import write_json
-    from bitneat.prove.check import TARGETS, prove, require_tools
+    from bitneat.prove.check import prove, require_tools
 
     require_tools()
-    targets = target_names(args.targets) or list(TARGETS)
+    targets = _targets(args.targets)
     if args.object is not None:
         if len(targets) != 1:
             raise BitneatError("--object: name the one target that it was compiled for with --targets")
@@ -115,12 +115,23 @@ def run(args: argparse.Namespace) -> int:
     return 0 if report.passed else 1
 
 
+def _targets(text: str | None) -> list[str]:
+    from bitneat.prove.check import PROCESSORS, TARGETS
+
+    names = target_names(text)
+    if names is None:
+        return list(TARGETS)
+    if not names:
+        raise BitneatError(f"--targets: names no target, expected some of {', '.join(PROCESSORS)}")
+    return list(dict.fromkeys(names))
+
+
 def _levels(text: str) -> list[str]:
     levels = [level.strip().removeprefix("-O") for level in text.split(",")]
     for level in levels:
         if level not in ("0", "1", "2", "3", "s", "z", "g"):
             raise BitneatError(f"--optimize: {level!r} is none of 0, 1, 2, 3, s, z, g")
-    return [f"-O{level}" for level in levels]
+    return [f"-O{level}" for level in dict.fromkeys(levels)]
 
 
 def _require_current(champion: Champion, code: CFile) -> None:

@@ -81,6 +81,12 @@ def test_a_given_object_is_proved_or_refused(folder: Path) -> None:
     assert main(given) == 1
 
 
+def test_what_is_named_twice_is_proved_once(folder: Path) -> None:
+    twice = ["--targets", "cortex-m0,cortex-m0", "--optimize", "s,-Os, s", "--style", "own", "--json", "proof.json"]
+    assert main(["prove", *twice]) == 0
+    assert len(json.loads((folder / "proof.json").read_text())["pairs"]) == 1
+
+
 GIVEN = ["prove", "--c", "walker.c", "--object", "walker.o", "--no-cache"]
 
 
@@ -154,6 +160,8 @@ def test_an_object_of_another_machine_and_what_is_none_are_named(
     ("arguments", "message"),
     [
         (["--targets", "avr"], "--targets: avr is none of"),
+        (["--targets", ""], "--targets: names no target, expected some of x86-64, cortex-m0, cortex-m3, cortex-m4"),
+        (["--targets", " , "], "--targets: names no target"),
         (["--optimize", "9"], "--optimize: '9' is none of"),
         (["--object", "walker.o"], "name the one target"),
         (["--object", "none.o", "--targets", "cortex-m0"], "none.o"),
