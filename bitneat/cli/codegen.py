@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +69,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--package", choices=KINDS, help="write a library that builds as it is in that ecosystem (docs/packages.md)"
     )
     add_json(besides)
+
+
+def also_writes(args: argparse.Namespace) -> list[Path]:
+    """What is written beside ``FILE.c``; a package is a folder of its own, whose files `run` knows."""
+    output: Path = args.output
+    if args.package or output.suffix != ".c":
+        return []
+    kinds = ["", "_sensors"] if args.sensor else [""]
+    headers = [output.with_name(f"{output.stem}{kind}.h") for kind in kinds]
+    sources = [output.with_name(f"{output.stem}{kind}.c") for kind in kinds[1:]]
+    tests = [output.with_name(f"{output.stem}{kind}_selftest.c") for kind in kinds] if args.selftest else []
+    return [*headers, *sources, *tests]
 
 
 def run(args: argparse.Namespace) -> int:
@@ -198,7 +209,6 @@ def _write_files(
         files[output.with_name(f"{output.stem}_sensors.c")] = sensor_code.source
         if args.selftest:
             files[output.with_name(f"{output.stem}_sensors_selftest.c")] = sensor_code.selftest
-    _check_json(args, files)
     make_folder(output.parent)
     for path, text in files.items():
         write_atomic(path, text.encode("ascii"))
@@ -224,11 +234,7 @@ def _write_package(
     )
     files = package_files(package)
     paths = {args.output / path: text for path, text in files.items()}
-    _check_json(args, paths)
+    if args.json in paths:
+        raise BitneatError(f"--json {args.json}: is another file of this command")
     write_package(args.output, args.package, code.name, files)
     return list(paths)
-
-
-def _check_json(args: argparse.Namespace, files: Mapping[Path, str]) -> None:
-    if args.json in files or args.json == args.champion:
-        raise BitneatError(f"--json {args.json}: is another file of this command")

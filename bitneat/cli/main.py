@@ -9,6 +9,7 @@ A sub-command is a module of this package with
 - ``FILES``: what it reads and writes, a line each, printed after that;
 - ``STATUS``, if the exit status 0 or 1 says more than usual: a line for each;
 - ``add_arguments(parser)``;
+- ``also_writes(args)``, if it writes more than ``args.output`` and ``args.json``: the other paths;
 - ``run(args) -> int``: the exit status; 0, or 1 if what was to be checked does not hold.
 
 It may raise `BitneatError`, whose message is the line the user sees. It imports nothing heavy at its top. Ctrl-C and SIGTERM reach
@@ -258,6 +259,9 @@ def _run(argv: list[str]) -> int:
         args = parser.parse_args(argv)
     except SystemExit as stop:  # --help and --version, which have printed what they had to
         return int(stop.code or GOOD)
+    from bitneat.cli.clashes import require_distinct
+
+    require_distinct(args, parser, getattr(load(named), "also_writes", None) if named else None)
     if getattr(args, "json", None) is not None:
         from bitneat.files import require_writable
 

@@ -78,7 +78,7 @@ def test_a_folder_with_the_name_of_a_source_is_said_to_be_one(folder: Path, caps
         (["champion.pkl", "-o", 'a"b.c', "--name", "w"], "cannot name C files"),
         (["champion.pkl", "-o", "champion.pkl/build/walker.c"], "champion.pkl/build: cannot write: Not a directory"),
         (["nothing.pkl", "-o", "walker.c"], "nothing.pkl"),
-        (["champion.pkl", "-o", "walker.c", "--json", "walker.h"], "another file"),
+        (["champion.pkl", "-o", "walker.c", "--json", "walker.h"], "would overwrite what -o writes"),
         (["champion.pkl", "-o", "walker.c", "--style", "fast"], "--style"),
         (["champion.pkl"], "-o"),
     ],

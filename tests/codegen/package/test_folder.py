@@ -183,7 +183,8 @@ def test_a_new_folder_that_cannot_be_finished_does_not_appear(
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        (["-o", "champion.pkl", "--package", "plain", "--name", "legs"], "champion.pkl: cannot be a package's folder"),
+        (["-o", "champion.pkl", "--package", "plain", "--name", "legs"], "would overwrite CHAMPION champion.pkl"),
+        (["-o", "some.txt", "--package", "plain", "--name", "legs"], "some.txt: cannot be a package's folder"),
         (["-o", "champion.pkl/lib/legs", "--package", "plain"], "champion.pkl/lib"),
         (["-o", "9legs", "--package", "plain"], "9legs (choose another with --name)"),
         (["-o", "my-legs", "--package", "plain"], "no C identifier"),
@@ -193,11 +194,12 @@ def test_a_new_folder_that_cannot_be_finished_does_not_appear(
         (["-o", "legs", "--package", "cmake", "--name", "Install"], "'Install' is a target of its own in cmake"),
         (["-o", "legs", "--package", "plain", "--selftest"], "--selftest: every package has its self-test"),
         (["-o", "legs", "--package", "deb"], "--package"),
-        (["-o", "legs", "--package", "plain", "--json", "champion.pkl"], "another file of this command"),
+        (["-o", "legs", "--package", "plain", "--json", "champion.pkl"], "would overwrite CHAMPION champion.pkl"),
     ],
 )
 def test_bad_input_is_one_line(
     working_folder: Path, capsys: pytest.CaptureFixture[str], options: list[str], why: str
 ) -> None:
+    (working_folder / "some.txt").touch()
     assert why in refused(capsys, *options)
-    assert [path.name for path in working_folder.iterdir()] == ["champion.pkl"]
+    assert sorted(path.name for path in working_folder.iterdir()) == ["champion.pkl", "some.txt"]
