@@ -73,11 +73,14 @@ def require_writable(path: str | os.PathLike[str]) -> None:
 def write_json(path: str | os.PathLike[str], data: Any) -> None:
     """Write ``data`` to ``path`` as indented JSON with a final newline, as `write_atomic` writes.
 
+    A byte of a path that is no UTF-8, half of a surrogate pair in Python, is JSON's escape for that half.
+
     Raises:
         FileError: As `write_atomic`.
         ValueError: ``data`` holds a NaN or an infinity, which JSON cannot say.
     """
-    write_atomic(path, (json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    text = json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomic(path, text.encode(errors="backslashreplace"))
 
 
 def make_folder(path: Path) -> bool:

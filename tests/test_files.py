@@ -106,6 +106,13 @@ def test_json_ends_with_a_newline_and_reads_back(tmp_path: Path) -> None:
     assert (tmp_path / "a.json").read_text(encoding="utf-8") == text
 
 
+def test_json_has_an_escape_for_a_byte_of_a_path_that_is_no_utf_8(tmp_path: Path) -> None:
+    path = os.fsdecode(b"e\xff\xc3\xa9")
+    write_json(tmp_path / "a.json", {"run": path})
+    assert (tmp_path / "a.json").read_bytes() == '{\n  "run": "e\\udcffé"\n}\n'.encode()
+    assert json.loads((tmp_path / "a.json").read_text()) == {"run": path}
+
+
 def test_a_read_stops_at_its_limit(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"12345")
     assert read_capped(tmp_path / "a", 5) == b"12345"

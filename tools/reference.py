@@ -36,8 +36,10 @@ def cli_page() -> str:
         "`bitneat --help` lists the commands, `bitneat COMMAND --help` or `bitneat help COMMAND` says what is below."
         " The [packages and extras](../how-to/install.md) that a command needs are named by `bitneat doctor`.",
         "| exit status | |\n|---|---|\n| 0 | good |\n| 1 | what was to be checked does not hold |\n"
-        "| 2 | bad input or arguments, or a missing tool: one line on standard error |\n| 130 | interrupted |\n"
-        "| 143 | terminated |",
+        "| 2 | bad input or arguments, or a missing tool: one line on standard error |\n"
+        "| 70 | internal error, a fault of bitneat's: one line on standard error; with `BITNEAT_TRACEBACK=1`"
+        " in the environment where it came from, too |\n| 130 | interrupted |\n"
+        "| 141 | the reader of standard output has gone away, as `head` does |\n| 143 | terminated |",
     ]
     for title, names in GROUPS.items():
         parts.append(f"## {title.capitalize()}")

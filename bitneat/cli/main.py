@@ -19,26 +19,34 @@ it as a KeyboardInterrupt; one that can be continued raises it with the line tha
 from __future__ import annotations
 
 import argparse
+import codecs
 import difflib
+import io
 import os
 import signal
 import sys
 import textwrap
 import threading
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, NoReturn, Protocol, cast
 
 from bitneat.errors import BitneatError, printable
 from bitneat.version import __version__
 
+if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
+
 GOOD = 0
 CHECK_FAILED = 1
 BAD_INPUT = 2
+INTERNAL_ERROR = 70  # EX_SOFTWARE of sysexits.h
 INTERRUPTED = 128 + signal.SIGINT
 TERMINATED = 128 + signal.SIGTERM
 _BROKEN_PIPE = 128 + signal.SIGPIPE
+_STDOUT = "standard output"
+_TRACEBACK = "BITNEAT_TRACEBACK"
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "evolve": ("bitneat.cli.evolve", "evolve a ternary controller in a Gymnasium environment"),
@@ -113,7 +121,10 @@ exit status:
   0    good
   1    what was to be checked does not hold
   2    bad input or arguments, or a missing tool: one line on standard error
+  70   internal error, a fault of bitneat's: one line on standard error;
+       with BITNEAT_TRACEBACK=1 in the environment where it came from, too
   130  interrupted
+  141  the reader of standard output has gone away, as head does
   143  terminated"""
 
 _STATUS = """\
@@ -139,11 +150,12 @@ class Command(Protocol):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command line and return its exit status; never a traceback for what a user can cause."""
+    """Run one command line and return its exit status; whatever happens is at most one line, and a traceback only if asked for."""
+    _ready_streams()
     try:
         with _sigterm_interrupts():
             status = _run(sys.argv[1:] if argv is None else list(argv))
-            sys.stdout.flush()
+            _flush_stdout()
     except BitneatError as error:
         status = _fail(str(error), error.exit_status)
     except TerminatedError as stop:
@@ -156,6 +168,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = _fail(_describe(error), BAD_INPUT)
     except MemoryError:
         status = _fail("out of memory", BAD_INPUT)
+    except Exception as error:  # status 1, which Python would exit with, says that a check has failed
+        status = _fail_by_our_fault(error)
     _settle_stdout()
     return status
 
@@ -270,6 +284,10 @@ def _run(argv: list[str]) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+        # argparse's own is content with help that could not be written.
+        (file or sys.stderr).write(message)
+
     def error(self, message: str) -> NoReturn:
         raise BitneatError(f"{message} (see {self.prog} --help)")
 
@@ -281,8 +299,23 @@ def _no_such_command(name: str) -> str:
 
 
 def _fail(message: str, status: int) -> int:
-    print("bitneat:", printable(" ".join(message.split("\n"))), file=sys.stderr)
+    with suppress(OSError):  # there is nowhere left to say so
+        print("bitneat:", printable(" ".join(message.split("\n"))), file=sys.stderr, flush=True)
     return status
+
+
+def _fail_by_our_fault(error: Exception) -> int:
+    asked = bool(os.environ.get(_TRACEBACK))
+    if asked:
+        import traceback
+
+        with suppress(OSError):
+            traceback.print_exception(error)
+    how = "" if asked else f"; {_TRACEBACK}=1 in the environment shows where"
+    text = str(BitneatError(str(error))) or "no message"
+    return _fail(
+        f"internal error: {type(error).__name__}: {text} (a fault of bitneat's{how}; please report it)", INTERNAL_ERROR
+    )
 
 
 def _describe(error: OSError) -> str:
@@ -290,7 +323,50 @@ def _describe(error: OSError) -> str:
     names = [
         os.fsdecode(name) for name in (error.filename, error.filename2) if isinstance(name, str | bytes | os.PathLike)
     ]
+    if not names and error.errno is not None:
+        try:
+            sys.stdout.flush()
+        except OSError as again:  # what could not be written is in its buffer still
+            if again.errno == error.errno:
+                names = [_STDOUT]
     return ": ".join([" -> ".join(names), reason] if names else [reason])
+
+
+def _flush_stdout() -> None:
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, _STDOUT) from error
+
+
+def _ready_streams() -> None:
+    """Have all three streams, closed ones as the null device, and none that dies of a character it cannot encode."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        stream = getattr(sys, name)
+        if stream is None:
+            null = os.open(os.devnull, os.O_RDWR)  # the lowest free number: that of the closed stream
+            if null == number:
+                os.set_inheritable(null, True)  # else a child's first file would become its output
+            setattr(sys, name, os.fdopen(null, "w" if number else "r", encoding="utf-8", errors=_ERRORS))
+        elif number and isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_ERRORS)
+
+
+def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
+    """What a stream has instead of characters that its encoding lacks."""
+    if isinstance(error, UnicodeEncodeError):
+        char = error.object[error.start]
+        if char in _PLAIN:
+            return _PLAIN[char], error.start + 1
+        return char.encode("unicode_escape").decode("ascii"), error.start + 1
+    raise error
+
+
+_ERRORS = "bitneat.plain"
+_PLAIN = {"±": "+-", "…": "...", "–": "-", "−": "-", "×": "x", "→": "->", "≤": "<=", "·": ".", "“": '"', "”": '"'}
+codecs.register_error(_ERRORS, _plain)
 
 
 def _settle_stdout() -> None:

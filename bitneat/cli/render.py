@@ -33,6 +33,8 @@ FILES = """\
 
 _SMOOTH = 16
 """Pictures a second that a GIF has at least, if the environment has as many steps."""
+_SLOWEST = 0.01
+"""Pictures a second, at least: a GIF has 655 seconds a picture at most."""
 _WIDTHS = {"gif": 400, "mp4": 600, "png": 240}
 _FRAMES = 6
 
@@ -103,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
         count = len(taken)
     else:
         every = args.every or (max(round(speed / _SMOOTH), 1) if kind == "gif" else 1)
-        fps = args.fps or speed / every
+        fps = args.fps or max(speed / every, _SLOWEST)
         frames = []
         with _shown() as show:
             for last in pictures.moments(episode, lambda step: step % every == 0):
@@ -136,8 +138,8 @@ def _kind(args: argparse.Namespace) -> str:
     suffix = args.output.suffix.lower().lstrip(".")
     if suffix not in _WIDTHS:
         raise BitneatError(f"{args.output}: expected a name that ends in .gif, .mp4 or .png")
-    if args.fps is not None and not 0 < args.fps <= 1000:
-        raise BitneatError(f"--fps {args.fps:g}: expected a number above 0, up to 1000")
+    if args.fps is not None and not _SLOWEST <= args.fps <= 1000:
+        raise BitneatError(f"--fps {args.fps:g}: expected a number in {_SLOWEST}..1000")
     wrong = ("every", "fps") if suffix == "png" else ("frames",)
     for option in wrong:
         if getattr(args, option) is not None:

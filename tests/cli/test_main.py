@@ -113,10 +113,21 @@ def test_whoever_has_plans_for_sigterm_keeps_them(command: Callable[[Callable[[]
     assert seen == [signal.SIGTERM]
 
 
-def test_a_fault_of_ours_is_not_hidden(command: Callable[[Callable[[], int]], None]) -> None:
-    command(raiser(ValueError("a bug")))
-    with pytest.raises(ValueError, match="a bug"):
-        main(["work"])
+def test_a_fault_of_ours_has_a_status_of_its_own_and_a_traceback_only_if_asked_for(
+    command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command(raiser(ValueError("a bug\nof two lines")))
+    assert main(["work"]) == 70
+    assert capsys.readouterr() == (
+        "",
+        "bitneat: internal error: ValueError: a bug of two lines"
+        " (a fault of bitneat's; BITNEAT_TRACEBACK=1 in the environment shows where; please report it)\n",
+    )
+    monkeypatch.setenv("BITNEAT_TRACEBACK", "1")
+    assert main(["work"]) == 70
+    err = capsys.readouterr().err
+    assert "Traceback (most recent call last)" in err
+    assert err.endswith("of two lines (a fault of bitneat's; please report it)\n")
 
 
 @pytest.mark.parametrize(
@@ -233,7 +244,58 @@ def test_a_reader_that_goes_away_is_no_noise() -> None:
 def test_a_full_standard_output_is_one_line_and_status_2() -> None:
     with Path("/dev/full").open("w") as full:
         done = run_buffered(sys.executable, "-m", "bitneat", "--help", stdout=full)
-    assert (done.returncode, done.stderr) == (2, "bitneat: No space left on device\n")
+    assert (done.returncode, done.stderr) == (2, "bitneat: standard output: No space left on device\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["evolve", "--help"]])
+def test_help_that_could_not_be_written_is_no_success_without_buffers_either(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-u", "-m", "bitneat", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert re.fullmatch(r"bitneat: (standard output: )?No space left on device\n", done.stderr)
+
+
+@pytest.mark.parametrize(
+    ("redirected", "status", "out", "err"),
+    [
+        ("--version >&-", 0, "", ""),
+        ("size nothing.pkl >&-", 2, "", "bitneat: nothing.pkl: cannot read: No such file or directory\n"),
+        ("size nothing.pkl 2>&-", 2, "", ""),
+        ("size nothing.pkl <&- >&- 2>&-", 2, "", ""),
+        ("size nothing.pkl 2>/dev/full", 2, "", ""),
+    ],
+)
+def test_streams_that_are_closed_change_no_status(
+    redirected: str, status: int, out: str, err: str, tmp_path: Path
+) -> None:
+    line = f"exec {sys.executable} -m bitneat {redirected}"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        ["sh", "-c", line], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (status, out, err)
+
+
+def test_what_the_output_s_encoding_lacks_is_written_otherwise() -> None:
+    code = (
+        "import sys; from bitneat.cli import main\n"
+        "from bitneat.cli.main import COMMANDS\n"
+        "import types; work = types.ModuleType('work'); COMMANDS['work'] = ('work', 'work'); sys.modules['work'] = work\n"
+        "work.HELP = work.DESCRIPTION = work.EXAMPLE = work.FILES = ''; work.add_arguments = lambda parser: None\n"
+        "work.run = lambda args: print('1 \\xb1 2 \\u2026 \\u0436 \\udcff') or 0\n"
+        "sys.exit(main(['work']))\n"
+    )
+    for encoding, said in (("ascii", "1 +- 2 ... \\u0436 \\udcff\n"), ("utf-8", "1 ± 2 … ж \\udcff\n")):
+        environment = {**os.environ, "PYTHONIOENCODING": encoding}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, env=environment)
+        assert (done.returncode, done.stdout.decode(), done.stderr) == (0, said, b"")
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,13 @@ def test_an_mp4_has_the_frames_the_size_and_the_rate(pole: Champion) -> None:
     assert np.mean(np.abs(frames[10][70:].astype(int) - np.asarray(small).astype(int)[70:])) < 6
 
 
+@pytest.mark.parametrize("name", ["pole.gif", "pole.mp4"])
+def test_a_picture_stays_for_no_longer_than_a_film_can_say(pole: Champion, name: str) -> None:
+    assert main(["render", "-o", name, "--steps", "3", "--every", "100000", "--width", "64", "--json", "p.json"]) == 0
+    assert json.loads(Path("p.json").read_text())["fps"] == 0.01
+    assert Path(name).stat().st_size > 0
+
+
 @pytest.mark.parametrize("suffix", ["gif", "mp4", "png"])
 def test_the_same_episode_is_the_same_file(pole: Champion, suffix: str) -> None:
     contents = set()
@@ -149,8 +156,10 @@ def test_hardcore_and_float_champions(tmp_path: Path) -> None:
     [
         (["-o", "a.avi"], "bitneat: a.avi: expected a name that ends in .gif, .mp4 or .png"),
         (["-o", "none/a.gif"], "bitneat: none/a.gif: cannot write: No such file or directory"),
-        (["-o", "a.gif", "--fps", "0"], "--fps 0: expected a number above 0, up to 1000"),
-        (["-o", "a.gif", "--fps", "nan"], "--fps nan: expected a number above 0, up to 1000"),
+        (["-o", "a.gif", "--fps", "0"], "--fps 0: expected a number in 0.01..1000"),
+        (["-o", "a.gif", "--fps", "0.001"], "--fps 0.001: expected a number in 0.01..1000"),
+        (["-o", "a.mp4", "--fps", "1e-300"], "--fps 1e-300: expected a number in 0.01..1000"),
+        (["-o", "a.gif", "--fps", "nan"], "--fps nan: expected a number in 0.01..1000"),
         (["-o", "a.gif", "--frames", "3"], "--frames: not of a .gif"),
         (["-o", "a.png", "--every", "3"], "--every: not of a .png"),
         (["-o", "a.gif", "--width", "3"], "--width"),
