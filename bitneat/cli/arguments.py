@@ -50,6 +50,31 @@ def time_limit(given: float | None, before: float | None = None) -> float | None
     return None if given == NO_LIMIT else given
 
 
+MAX_WORKERS = 256
+"""On one machine: the native simulators have at most so many threads, and each process takes its share of memory."""
+
+
+def add_workers(parser: argparse._ActionsContainer, what: str) -> None:
+    """Add ``--workers``; ``what`` says of what there are so many."""
+    parser.add_argument(
+        "--workers",
+        metavar="N",
+        type=whole_number(1),
+        help=f"{what}, {MAX_WORKERS} at most (default: one a core)",
+    )
+
+
+def require_few_workers(args: argparse.Namespace) -> None:
+    """Refuse more ``--workers`` than one machine is asked for; a Ray cluster may have any number of cores.
+
+    Raises:
+        BitneatError: if there are too many.
+    """
+    workers = getattr(args, "workers", None)
+    if workers is not None and workers > MAX_WORKERS and getattr(args, "evaluator", None) != "ray":
+        raise BitneatError(f"--workers {workers}: expected a whole number in 1..{MAX_WORKERS}")
+
+
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return an argument type for the integers from ``least`` to ``most``."""
     expected = f"a whole number of {least} or more" if most is None else f"a whole number in {least}..{most}"

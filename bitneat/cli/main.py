@@ -23,6 +23,7 @@ import codecs
 import difflib
 import io
 import os
+import re
 import signal
 import sys
 import textwrap
@@ -30,7 +31,7 @@ import threading
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, cast
 
 from bitneat.errors import BitneatError, printable
 from bitneat.version import __version__
@@ -264,17 +265,23 @@ def _epilog(command: Command) -> str:
 def _run(argv: list[str]) -> int:
     # Only the module of the sub-command that is asked for is imported; the others are names in a list.
     if argv[:1] == ["help"]:
-        argv = [*argv[1:2], "--help"]
+        argv = _help(argv[1:])
     named = next((argument for argument in argv if not argument.startswith("-")), None)
     if named is not None and named not in COMMANDS:
         raise BitneatError(_no_such_command(named))
+    if named is None:
+        for argument in argv:
+            if argument not in ("-h", "--help", "--version"):
+                raise BitneatError(f"{argument}: no such option before a command (see bitneat --help)")
     parser = build_parser(() if named is None else (named,))
     try:
         args = parser.parse_args(argv)
     except SystemExit as stop:  # --help and --version, which have printed what they had to
         return int(stop.code or GOOD)
+    from bitneat.cli.arguments import require_few_workers
     from bitneat.cli.clashes import require_distinct
 
+    require_few_workers(args)
     require_distinct(args, parser, getattr(load(named), "also_writes", None) if named else None)
     if getattr(args, "json", None) is not None:
         from bitneat.files import require_writable
@@ -283,7 +290,35 @@ def _run(argv: list[str]) -> int:
     return int(args.run(args))
 
 
+def _help(words: list[str]) -> list[str]:
+    """The command line that prints what ``bitneat help`` and these words ask for."""
+    words = [word for word in words if word not in ("-h", "--help")]
+    if words[:1] == ["help"]:
+        words = words[1:]
+    if len(words) > 1 and words[0] in COMMANDS:
+        parser = argparse.ArgumentParser(add_help=False)
+        load(words[0]).add_arguments(parser)
+        below = parser._subparsers._group_actions[0].choices if parser._subparsers else ()
+        if words[1] not in (below or ()) or len(words) > 2:
+            expected = f", one of {', '.join(below)} after it," if below else ""
+            raise BitneatError(f"help {' '.join(words)}: expected one command{expected} and no more")
+    return [*words, "--help"]
+
+
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        # argparse's own knows no exponents, and takes -1e3 for options.
+        self._negative_number_matcher = re.compile(
+            r"-(\d[\d_]*\.?\d*|\.\d+)(e[+-]?\d+)?$|-(inf|infinity|nan)$", re.IGNORECASE
+        )
+
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        # The empty text is what an unset variable of a shell gives; as a path it would be the current folder.
+        if "" in arg_strings and action.nargs != argparse.PARSER:
+            raise argparse.ArgumentError(action, "expected a value, got an empty one")
+        return super()._get_values(action, arg_strings)
+
     def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
         # argparse's own is content with help that could not be written.
         (file or sys.stderr).write(message)
@@ -295,7 +330,7 @@ class _Parser(argparse.ArgumentParser):
 def _no_such_command(name: str) -> str:
     close = difflib.get_close_matches(name, COMMANDS, n=1)
     hint = f"did you mean {close[0]}?" if close else f"the commands are {', '.join(COMMANDS)}"
-    return f"{name}: no such command; {hint}"
+    return f"{name or repr(name)}: no such command; {hint}"
 
 
 def _fail(message: str, status: int) -> int:

@@ -80,8 +80,6 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.sim.environment import allow_imports
 
     allow_imports(args.imports or ())
-    if args.output.exists() and args.champion.exists() and args.output.samefile(args.champion):
-        raise BitneatError(f"-o {args.output}: is the champion itself; give another name")
     require_writable(args.output)
     source = load_any(args.champion)
     if args.frac_bits is not None and isinstance(source, Champion):

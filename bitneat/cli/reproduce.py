@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bitneat.cli.arguments import add_json, whole_number
+from bitneat.cli.arguments import add_json, add_workers
 from bitneat.errors import BitneatError
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="only jobs whose name matches, as in bit-*, and those they need",
     )
     parser.add_argument("--list", action="store_true", help="print the jobs, and which are done, and stop")
-    parser.add_argument(
-        "--workers", metavar="N", type=whole_number(1), help="jobs at the same time (default: one a core)"
-    )
+    add_workers(parser, "jobs at the same time")
     add_json(parser)
 
 

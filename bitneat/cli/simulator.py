@@ -7,7 +7,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from bitneat.cli.arguments import whole_number
+from bitneat.cli.arguments import add_workers
 
 if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 def add_simulator(parser: argparse._ActionsContainer) -> None:
     """Add ``--workers`` and ``--simulator``, neither of which changes a result."""
-    parser.add_argument(
-        "--workers", metavar="N", type=whole_number(1), help="processes or threads (default: one a core)"
-    )
+    add_workers(parser, "processes or threads")
     parser.add_argument(
         "--simulator",
         choices=("auto", "native", "gymnasium"),

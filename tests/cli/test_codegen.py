@@ -73,7 +73,7 @@ def test_a_folder_with_the_name_of_a_source_is_said_to_be_one(folder: Path, caps
         (["champion.pkl", "-o", "math", "--package", "plain"], "math.h is a header of the C library"),
         (["champion.pkl", "-o", "linux.c"], "'linux' is a macro that some compilers define"),
         (["champion.pkl", "-o", "walker.c", "--name", "typeof"], "--name: 'typeof' is a reserved word"),
-        (["champion.pkl", "-o", "walker.c", "--name", ""], "no C identifier"),
+        (["champion.pkl", "-o", "walker.c", "--name", ""], "argument --name: expected a value, got an empty one"),
         (["champion.pkl", "-o", "walker.c", "--name", "9"], "no C identifier"),
         (["champion.pkl", "-o", 'a"b.c', "--name", "w"], "cannot name C files"),
         (["champion.pkl", "-o", "champion.pkl/build/walker.c"], "champion.pkl/build: cannot write: Not a directory"),

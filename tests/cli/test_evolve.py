@@ -273,7 +273,7 @@ def test_a_time_limit_ends_a_run_and_says_that_it_is_not_reproducible(
         (["--env-arg", "a=\udcff"], "--env-arg a: a text is not Unicode"),
         (["--env-arg", "a=" + "9" * 1000], "--env-arg a: an integer has more than 1024 bits"),
         (["--import", "no_such_module"], "--import no_such_module"),
-        (["--import", ""], "--import '': expected the name of a module"),
+        (["--import", ""], "argument --import: expected a value, got an empty one"),
         (["--import", ".x"], "--import '.x': expected the name of a module"),
         (["--env", "no_such_module:Some-v0"], "an id with ':' imports a module"),
         (["--env", "bitneat/Broken-v0"], "cannot be made: KeyError"),

@@ -134,7 +134,24 @@ def test_a_fault_of_ours_has_a_status_of_its_own_and_a_traceback_only_if_asked_f
     ("arguments", "line"),
     [
         ([], "the following arguments are required: COMMAND (see bitneat --help)"),
-        (["--nonsense"], "COMMAND"),
+        (["--nonsense"], "--nonsense: no such option before a command (see bitneat --help)"),
+        ([""], "'': no such command; the commands are "),
+        (["size", ""], "argument champion: expected a value, got an empty one (see bitneat size --help)"),
+        (["evolve", "--env", ""], "argument --env: expected a value, got an empty one"),
+        (["evolve", "--env="], "argument --env: expected a value, got an empty one"),
+        (["evolve", "--config", ""], "argument --config: expected a value, got an empty one"),
+        (["evolve", "-o", ""], "argument -o/--output: expected a value, got an empty one"),
+        (["plot", "pareto", "a.pkl", "", "-o", "a.svg"], "argument PATH: expected a value, got an empty one"),
+        (["evolve", "--workers", "3000"], "bitneat: --workers 3000: expected a whole number in 1..256"),
+        (["polish", "a.pkl", "--workers", "257"], "bitneat: --workers 257: expected a whole number in 1..256"),
+        (["linear", "--workers", "257"], "bitneat: --workers 257: expected a whole number in 1..256"),
+        (["quantize", "a.pkl", "-o", "b.pkl", "--workers", "257"], "bitneat: --workers 257: expected a whole number"),
+        (["reproduce", "--workers", "257"], "bitneat: --workers 257: expected a whole number in 1..256"),
+        (["help", "plot", "nosuch"], "help plot nosuch: expected one command, one of fitness, network, pareto, size, "),
+        (["help", "size", "nosuch"], "help size nosuch: expected one command and no more"),
+        (["polish", "nothing.pkl", "--floor", "-1e3"], "nothing.pkl: cannot read"),
+        (["polish", "nothing.pkl", "--floor", "-.5E+2"], "nothing.pkl: cannot read"),
+        (["plot", "fitness", "nothing", "--reference", "-1e2", "-o", "a.svg"], "nothing"),
         (["wrok"], "wrok: no such command; did you mean work?"),
         (["zzz"], "zzz: no such command; the commands are "),
         (["work", "--count", "x"], "argument --count: invalid int value: 'x' (see bitneat work --help)"),
@@ -175,7 +192,13 @@ def test_a_command_in_no_group_is_listed_all_the_same(
 
 
 def test_help_of_a_command_is_its_help_option(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, same in ((["help", "size"], ["size", "--help"]), (["help"], ["--help"]), (["help", "-h"], ["-h"])):
+    for arguments, same in (
+        (["help", "size"], ["size", "--help"]),
+        (["help"], ["--help"]),
+        (["help", "-h"], ["-h"]),
+        (["help", "help"], ["-h"]),
+        (["help", "plot", "size"], ["plot", "size", "-h"]),
+    ):
         assert main(arguments) == 0
         said = capsys.readouterr().out
         assert main(same) == 0

@@ -64,7 +64,7 @@ def test_a_float_champion_becomes_ternary_and_the_loss_is_shown(
         (["--seed", "1"], "--seed: only with --method search"),
         (["--seed", str(1 << 1024), "--method", "search"], "of at most 1024 bits"),
         (["--frac-bits", "13"], "'13' is not a whole number in 4..12"),
-        (["-o", "FLOAT"], "is the champion itself"),
+        (["-o", "FLOAT"], "would overwrite CHAMPION"),
         (["-o", "nowhere/x.pkl", "--method", "round"], "cannot write"),
     ],
 )
