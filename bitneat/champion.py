@@ -7,6 +7,7 @@ A pickle can run code when Python loads it, so Python never does: `bitneat.unpic
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import io
 import json
@@ -193,7 +194,7 @@ def load_any(path: str | Path) -> AnyChampion:
     """As `load`, float networks too."""
     content = read_capped(path, MAX_FILE_BYTES)
     try:
-        return any_from_data(_plain(content))
+        return loads_any(content)
     except BitneatError as error:
         raise ChampionError(f"{path}: {error}") from None
 
@@ -207,13 +208,23 @@ def loads(content: bytes) -> Champion:
     return from_data(_plain(content))
 
 
+def loads_any(content: bytes) -> AnyChampion:
+    """As `loads`, float networks too."""
+    return any_from_data(_plain(content))
+
+
 def _plain(content: bytes) -> Any:
     """The plain data in a file's bytes, whichever of the two forms it has."""
     if len(content) > MAX_FILE_BYTES:
         raise ChampionError(f"not a champion: larger than {MAX_FILE_BYTES} bytes")
     if not content:
         raise ChampionError("not a champion: the file is empty")
-    return _plain_json(content) if content.lstrip()[:1] == b"{" else plain_pickle(content)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ChampionError("not a champion: text in UTF-16, expected JSON in UTF-8")
+    # No pickle begins like an object or a list of JSON, nor like the mark that some editors put before a text.
+    text = content.removeprefix(codecs.BOM_UTF8)
+    is_json = len(text) < len(content) or text.lstrip()[:1] in (b"{", b"[")
+    return _plain_json(text) if is_json else plain_pickle(content)
 
 
 def dumps(champion: AnyChampion) -> str:

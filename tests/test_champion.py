@@ -234,3 +234,22 @@ def test_a_plain_pickle_written_by_others_is_read(champion: Champion) -> None:
         buffer = io.BytesIO()
         pickle.dump(champion.to_data(), buffer, protocol)
         assert champions.loads(buffer.getvalue()) == champion
+
+
+def test_json_may_begin_with_the_mark_of_utf_8(champion: Champion) -> None:
+    assert champions.loads(b"\xef\xbb\xbf" + champions.dumps(champion).encode()) == champion
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"[1, 2]", r"not a champion: expected a mapping with 'format': 'bitneat-champion'"),
+        (b" \n[1, 2", r"not a champion: damaged or truncated JSON"),
+        (b"\xef\xbb\xbf3", r"not a champion: expected a mapping"),
+        ("{}".encode("utf-16"), r"not a champion: text in UTF-16, expected JSON in UTF-8"),
+        ("{}".encode("utf-16-be").join([b"\xfe\xff", b""]), r"not a champion: text in UTF-16, expected JSON in UTF-8"),
+    ],
+)
+def test_json_that_is_no_champion_is_not_called_a_pickle(content: bytes, message: str) -> None:
+    with pytest.raises(BitneatError, match=message):
+        champions.loads(content)

@@ -86,9 +86,12 @@ def run(args: argparse.Namespace) -> int:
     from bitneat.sim.environment import allow_imports
 
     allow_imports(args.imports or ())
-    for option, value in {"--generations": args.generations, "--seed": args.seed}.items():
-        if value is not None and args.to is None:
-            raise BitneatError(f"{option}: only with --to and --method search")
+    if args.to is None:
+        if args.method is not None:
+            raise BitneatError("--method: only with --to")
+        for option, value in {"--generations": args.generations, "--seed": args.seed}.items():
+            if value is not None:
+                raise BitneatError(f"{option}: only with --to and --method search")
     require_writable(args.output)
     champion = _genome(args) if _kind(args.file) == "genome" else _layers(args)
     if args.to is None or (args.to == "int" and isinstance(champion, Champion)):
@@ -128,11 +131,33 @@ def _kind(path: Path) -> str:
 
     content = read_capped(path, MAX_FILE_BYTES)
     if not content.startswith(b"PK"):
+        other = _no_genome(content)
+        if other is not None:
+            raise BitneatError(f"{path}: {other}")
         return "genome"
     try:
         return "model" if POLICY_MEMBER in Archive(content).names else "arrays"
     except PolicyError as error:
         raise BitneatError(f"{path}: {error}") from None
+
+
+def _no_genome(content: bytes) -> str | None:
+    """What a file is that no one can mean for a pickled genome, and what was expected; None if it may be one."""
+    from bitneat.champion import loads_any
+
+    expected = "expected a genome's pickle, a model's .zip, or layers in a .npz"
+    if not content:
+        return f"is empty, {expected}"
+    if content.startswith(b"\x93NUMPY"):
+        return f"is a single array of NumPy's, {expected}, as numpy.savez writes them"
+    try:
+        loads_any(content)
+    except BitneatError:
+        pass
+    else:
+        return "is a champion of bitneat's already; bitneat quantize makes another kind of it"
+    # The oldest pickles are text, too; every pickle ends with a full stop.
+    return f"is text, {expected}" if content.rstrip().isascii() and not content.endswith(b".") else None
 
 
 def _environment(args: argparse.Namespace) -> tuple[EnvironmentSpec, EnvironmentInfo] | None:

@@ -65,7 +65,6 @@ def add_method(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--method",
         choices=("round", "twn", "gains", "search"),
-        default="gains",
         help="round: weight by weight; twn: a threshold and a scale for each node; gains: sums of powers of two;"
         " search: small changes to the best of the others (default gains)",
     )
@@ -121,7 +120,7 @@ def _request(args: argparse.Namespace, frac_bits: int) -> Request:
     for option, value in {"--generations": args.generations, "--seed": args.seed}.items():
         if value is not None and args.method != "search":
             raise BitneatError(f"{option}: only with --method search")
-    return Request(args.to, args.method, frac_bits, args.generations or DEFAULT_GENERATIONS, args.seed or 0)
+    return Request(args.to, args.method or "gains", frac_bits, args.generations or DEFAULT_GENERATIONS, args.seed or 0)
 
 
 @contextlib.contextmanager

@@ -342,7 +342,7 @@ def load(source: str) -> Config:
     if not Path(source).exists():
         raise ConfigError(f"--config {source}: neither a file nor a preset (presets: {', '.join(preset_names())})")
     try:
-        text = read_capped(source, MAX_CONFIG_BYTES).decode("utf-8")
+        text = read_capped(source, MAX_CONFIG_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ConfigError(f"{source}: not a text file in UTF-8") from None
     return parse(text, source)

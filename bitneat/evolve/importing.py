@@ -68,7 +68,7 @@ def read_shape(path: Path) -> NeatShape:
     """
     parser = configparser.ConfigParser(interpolation=None)
     try:
-        parser.read_string(read_capped(path, 1 << 20).decode("utf-8"), source=str(path))
+        parser.read_string(read_capped(path, 1 << 20).decode("utf-8-sig"), source=str(path))
     except (configparser.Error, UnicodeDecodeError) as error:
         raise GenomeImportError(f"{path}: {' '.join(str(error).split())}") from None
     section = "DefaultGenome"

@@ -13,6 +13,7 @@ from bitneat.champion import FloatChampion, load, load_any
 from bitneat.cli.main import main
 
 SAVED = Path(__file__).parents[1] / "policy" / "saved"
+CHAMPIONS = Path(__file__).parents[2] / "examples" / "champions"
 
 
 def arrays(path: Path, **values: object) -> str:
@@ -66,7 +67,11 @@ def test_a_saved_model_becomes_a_champion(tmp_path: Path, capsys: pytest.Capture
         (["ars_pendulum.zip", "--env", "Pendulum-v1", "--config", "x"], "is no genome, which --config"),
         (["ars_pendulum.zip", "--env", "Pendulum-v1", "--output-activation", "tanh"], "--output-activation: not for"),
         (["ars_pendulum.zip", "--env", "Pendulum-v1", "--seed", "1"], "--seed: only with --to and --method search"),
-        (["ars_pendulum.json"], "to import a genome, name its neat-python configuration with --config"),
+        (["ars_pendulum.zip", "--env", "Pendulum-v1", "--method", "twn"], "--method: only with --to"),
+        (
+            ["ars_pendulum.json"],
+            "ars_pendulum.json: is text, expected a genome's pickle, a model's .zip, or layers in a .npz",
+        ),
         (["nowhere.npz"], "nowhere.npz: cannot read"),
     ],
 )
@@ -79,3 +84,23 @@ def test_bad_input_is_one_line(
     assert message in error
     assert error.count("\n") == 1
     assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty, expected a genome's pickle"),
+        (b"\x93NUMPY\x01\x00", "is a single array of NumPy's, expected a genome's pickle"),
+        (b"some notes\n", "is text, expected a genome's pickle"),
+        ((CHAMPIONS / "tiny.pkl").read_bytes(), "is a champion of bitneat's already"),
+        ((CHAMPIONS / "tiny.json").read_bytes(), "is a champion of bitneat's already"),
+        (b"\x80\x04N.", "to import a genome, name its neat-python configuration with --config"),
+        (b"N.", "to import a genome, name its neat-python configuration with --config"),
+    ],
+)
+def test_a_file_that_is_no_genome_is_said_to_be_what_it_is(
+    content: bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "f").write_bytes(content)
+    assert main(["import", str(tmp_path / "f"), "-o", str(tmp_path / "out.pkl")]) == 2
+    assert f"{tmp_path / 'f'}: {message}" in capsys.readouterr().err

@@ -120,3 +120,9 @@ def documented_keys() -> dict[str, set[str]]:
 @pytest.mark.parametrize("section", SCHEMA)
 def test_every_key_stands_in_the_documentation_by_its_name(section: str) -> None:
     assert documented_keys()[section] == set(SCHEMA[section])
+
+
+def test_a_configuration_may_begin_with_the_mark_of_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / "my.ini"
+    path.write_bytes(b"\xef\xbb\xbf[evolve]\ngenerations = 3\n")
+    assert load(str(path))["evolve"]["generations"] == 3

@@ -357,6 +357,12 @@ def test_a_configuration_that_does_not_fit_is_refused(config_file: Path, old: st
         read_shape(config_file)
 
 
+def test_a_configuration_may_begin_with_the_mark_of_utf_8(config_file: Path) -> None:
+    shape = read_shape(config_file)
+    config_file.write_bytes(b"\xef\xbb\xbf" + config_file.read_bytes())
+    assert read_shape(config_file) == shape
+
+
 def test_the_command_writes_a_champion(tmp_path: Path, config_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     genome, _ = make(config_file, 5)
     (tmp_path / "winner.pkl").write_bytes(pickle.dumps(genome))
