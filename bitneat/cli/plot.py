@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bitneat.cli.arguments import whole_number
-from bitneat.errors import BitneatError
+from bitneat.errors import BitneatError, printable
 
 if TYPE_CHECKING:
     from bitneat.champion import EnvironmentSpec
@@ -39,6 +39,9 @@ _EXAMPLES = {
 }
 FILES = """\
   FILE             written: .svg or .png"""
+
+_LARGEST = 1e100
+"""Reward that a line is drawn at: an axis to the largest of all numbers has no room for its ticks."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -130,7 +133,7 @@ def _add_reference(parser: argparse.ArgumentParser) -> None:
 def _fitness(args: argparse.Namespace, file_type: str) -> bytes:
     from bitneat.report.fitness import CURVES, fitness_figure, read_history
 
-    labels = args.label or [_run_name(path) for path in args.runs]
+    labels = [printable(label) for label in args.label or ()] or [_run_name(path) for path in args.runs]
     if len(labels) != len(args.runs):
         raise BitneatError(f"--label: expected one for each of {len(args.runs)} runs, or none, got {len(labels)}")
     histories = [read_history(path, label) for path, label in zip(args.runs, labels, strict=True)]
@@ -177,17 +180,18 @@ def _references(args: argparse.Namespace, environments: Iterable[EnvironmentSpec
     from bitneat.sim.environment import reward_threshold
 
     if args.reference is not None:
-        if not all(abs(value) < float("inf") for value in args.reference):
-            raise BitneatError("--reference: expected a finite reward")
+        for value in args.reference:
+            if not abs(value) <= _LARGEST:
+                raise BitneatError(f"--reference {value:g}: expected a reward in {-_LARGEST:g}..{_LARGEST:g}")
         return list(args.reference)
     return sorted({t for spec in environments if spec is not None and (t := reward_threshold(spec)) is not None})
 
 
 def _run_name(path: Path) -> str:
-    return (path.parent if path.name == "history.csv" else path).resolve().name
+    return printable((path.parent if path.name == "history.csv" else path).resolve().name)
 
 
 def _champion_name(path: Path) -> str:
     """The folder's name where the file's says nothing."""
     folder = path.resolve().parent.name
-    return path.stem if path.stem != "champion" or not folder else f"{folder}/champion"
+    return printable(path.stem if path.stem != "champion" or not folder else f"{folder}/champion")

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("champion", metavar="RUN|CHAMPION", type=Path, help="a run's folder, or champion.pkl or .json")
     parser.add_argument("-o", "--output", metavar="FILE.html", type=Path, required=True, help="the page")
     parser.add_argument(
-        "--seeds", metavar="S,...", type=_seeds, default=(0, 1, 2), help="of the episodes to show (default 0,1,2)"
+        "--seeds", metavar="S,...", type=_seeds, action=_More, help="of the episodes to show (default 0,1,2)"
     )
     parser.add_argument(
         "--targets",
@@ -122,7 +122,7 @@ def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
         champion.controller.canonical,
         champion.action,
         environment,
-        args.seeds,
+        args.seeds or (0, 1, 2),
         max_steps=MAX_STEPS,
         progress=lambda episode: progress.say(_recorded(episode)),
     )
@@ -184,6 +184,18 @@ def _command(data: Mapping[str, Any]) -> str | None:
     kinds = {"verify": isinstance(data.get("targets"), list), "prove": isinstance(data.get("pairs"), list)}
     named = data.get("command")
     return next((kind for kind, fits in kinds.items() if fits and named in (kind, None)), None)
+
+
+class _More(argparse.Action):
+    """The seeds of an option that is given again are seeds, too."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        seeds = tuple(dict.fromkeys((*(getattr(namespace, self.dest) or ()), *values)))
+        if len(seeds) > MAX_SEEDS:
+            raise argparse.ArgumentError(self, f"expected 1 to {MAX_SEEDS} whole numbers in all, got {len(seeds)}")
+        setattr(namespace, self.dest, seeds)
 
 
 def _seeds(text: str) -> tuple[int, ...]:

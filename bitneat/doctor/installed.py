@@ -18,6 +18,7 @@ _EXTRAS = {
     "bench": "EnvPool in bitneat bench sim",
     "prove": "bitneat prove",
     "peers": "python -m benchmarks.peers, from a checkout",
+    "fuzz": "python -m tests.fuzz.guided, from a checkout",
     "docs": "make docs, from a checkout",
     "render": "bitneat render",
     "tensorboard": "bitneat evolve --tensorboard",
@@ -49,7 +50,7 @@ def extras() -> list[Finding]:
         versions = ", ".join(f"{name} {installed_version(name)}" for name in names if name not in missing)
         detail = f"without {', '.join(missing)}" if missing else versions
         remedy = f"pip install 'bitneat[{extra}]'" if missing else ""
-        enables = _EXTRAS.get(extra, "see its documentation")
+        enables = _EXTRAS.get(extra, f"what bitneat[{extra}] is for")
         found.append(Finding("extras", extra, "missing" if missing else "found", detail, enables, remedy))
     return found
 

@@ -216,8 +216,11 @@ def _build(compiler: Compiler, arguments: Sequence[str], target: Path, *, what: 
             check=False,
             env=_environment(compiler),
         )
-        if done.returncode != 0 or not temporary.is_file():
-            raise CompilerError(f"{what}: {Path(compiler.command[0]).name} failed: {_first_error(done.stderr)}")
+        name = Path(compiler.command[0]).name
+        if done.returncode != 0:
+            raise CompilerError(f"{what}: {name} failed: {_first_error(done.stderr)}")
+        if not temporary.is_file():
+            raise CompilerError(f"{what}: {name} ended well and made no file: expected a C compiler")
         if sealed:
             _seal(temporary)
         temporary.replace(target)

@@ -96,6 +96,17 @@ def test_the_same_figure_is_the_same_file(arguments: list[str], tmp_path: Path) 
         assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
+def test_names_that_are_no_utf_8_are_shown_escaped(tmp_path: Path) -> None:
+    runs = [tmp_path / os.fsdecode(name) for name in (b"run\xfe", b"run\xff")]
+    for run in runs:
+        run.mkdir()
+        (run / "history.csv").write_text(HEAD + "0,1,1,1,100\n1,2,2,2,100\n")
+    for number, labels in enumerate(([], ["--label", "l\udcfe", "--label", "m"])):
+        path = tmp_path / f"{number}.svg"
+        assert main(["plot", "fitness", *map(str, runs), "-o", str(path), *labels]) == 0
+        assert any(r"\udcfe" in text for text in texts(path))
+
+
 def test_runs_of_one_label_are_pooled_and_the_solved_line_is_that_of_the_environment(tmp_path: Path) -> None:
     for name, values in (("a", (1, 2, 9)), ("b", (3, 4, 5)), ("c", (5, 9, 7, 99))):
         rows = "".join(f"{i},{v},{v},{v},100\n" for i, v in enumerate(values))
@@ -223,7 +234,11 @@ def test_size_shows_every_encoding_and_what_the_c_takes(tmp_path: Path) -> None:
             ["fitness", "a", "b", "--label", "x", "-o", "a.svg"],
             "--label: expected one for each of 2 runs, or none, got 1",
         ),
-        (["fitness", "good.csv", "--reference", "nan", "-o", "a.svg"], "--reference: expected a finite reward"),
+        (
+            ["fitness", "good.csv", "--reference", "nan", "-o", "a.svg"],
+            "--reference nan: expected a reward in -1e+100..1e+100",
+        ),
+        (["fitness", "good.csv", "--reference", "1e308", "-o", "a.svg"], "--reference 1e+308: expected a reward in"),
         (["pareto", ".", "-o", "a.svg"], "plot pareto: found no champion with packed bytes and a held-out score"),
         (["pareto", "text.csv", "-o", "a.svg"], "bitneat: text.csv: not a champion"),
         (["size", "text.csv", "-o", "a.svg"], "bitneat: text.csv: not a champion"),

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bitneat.champion import FloatChampion, load, save_json, save_pickle
-from bitneat.cli.main import main
+from bitneat.cli.main import build_parser, main
 from bitneat.network import FloatNetwork, FloatNode
 from tests.report.page.pages import QUICK, TINY, data_of, write_page
 from tests.verify.champions import champion, plain_champion
@@ -160,10 +160,19 @@ def test_what_cannot_have_a_page_is_said_in_one_line(tmp_path: Path, capsys: pyt
     assert not (tmp_path / "p.html").exists()
 
 
-@pytest.mark.parametrize("seeds", ["", "x", "-1", "1,,2", ",".join(map(str, range(13))), str(2**31)])
+@pytest.mark.parametrize("seeds", ["x", "-1", "1,,2", ",".join(map(str, range(13))), str(2**31)])
 def test_seeds_are_checked(seeds: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["report", str(TINY), "-o", str(tmp_path / "p.html"), f"--seeds={seeds}"]) == 2
     assert "whole numbers" in capsys.readouterr().err
+
+
+def test_seeds_that_are_given_one_by_one_are_all_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = build_parser(("report",))
+    line = ["report", "c.pkl", "-o", "p.html", "--seeds", "1", "--seeds", "2,1", "--seeds", "0"]
+    assert parser.parse_args(line).seeds == (1, 2, 0)
+    many = [word for number in range(13) for word in ("--seeds", str(number))]
+    assert main(["report", str(TINY), "-o", str(tmp_path / "p.html"), *many]) == 2
+    assert "argument --seeds: expected 1 to 12 whole numbers in all, got 13" in capsys.readouterr().err
 
 
 def test_a_folder_is_no_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

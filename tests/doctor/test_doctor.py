@@ -139,6 +139,9 @@ def test_requirements_are_read_as_pyproject_states_them(monkeypatch: pytest.Monk
     assert len(missing) == len(project["dependencies"])
     named = by_name(installed.extras())
     assert set(named) == set(project["optional-dependencies"]) - {"test", "dev"}
+    assert set(named) == set(installed._EXTRAS)
+    monkeypatch.setattr(installed, "requires", lambda name: ["x; extra == 'new'"])
+    assert installed.extras()[0].enables == "what bitneat[new] is for"
     assert named["plot"].remedy == "pip install 'bitneat[plot]'"
 
 

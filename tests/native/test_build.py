@@ -104,6 +104,11 @@ def test_the_compilers_first_error_is_the_message(source: Path, cache: Path) -> 
     assert os.listdir(cache) == []
 
 
+def test_a_program_that_is_no_compiler_is_said_to_have_made_nothing(source: Path) -> None:
+    with pytest.raises(CompilerError, match=r"answer\.c: true ended well and made no file: expected a C compiler"):
+        build(source, compiler=Compiler(("true",), "gcc", "true 1"))
+
+
 def test_a_missing_source_is_named(tmp_path: Path) -> None:
     with pytest.raises(CompilerError, match=r"gone\.c: cannot read: No such file"):
         shared_library([tmp_path / "gone.c"], name="gone")
