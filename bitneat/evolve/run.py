@@ -263,6 +263,7 @@ class RunFolder:
 
     def mend(self, settings: RunSettings, search: Search) -> None:
         """Make good what a process that died after a checkpoint has left undone: files to write, and files to take away."""
+        make_folder(self.path / "checkpoints")
         remove_leftovers(self.path / "checkpoints")
         self._drop_old(search.generation)
         self.save_history(search)
@@ -358,7 +359,8 @@ class RunFolder:
         """Bring the search to the last checkpoint that is whole; without one it starts at the beginning.
 
         Raises:
-            BitneatError: if no checkpoint can be used, or one is not this run's or from a newer bitneat.
+            BitneatError: if no checkpoint can be used, or one is not this run's or from a newer bitneat; or there is none, though
+                a generation was completed.
         """
         found = self._last(begun_at)
         if found is None:
@@ -404,7 +406,24 @@ class RunFolder:
                 f"{self.path / 'checkpoints'}: holds no checkpoint of generation {begun_at} or later,"
                 " as a run needs whose configuration was changed there"
             )
+        self._refuse_lost()
         return None
+
+    def _refuse_lost(self) -> None:
+        """Refuse to begin again where something says that a generation was completed: it would be written over.
+
+        A run that was killed before its first checkpoint has a history of no rows, and none of the other files.
+        """
+        history = self.path / "history.csv"
+        left = [self.path / name for name in ("champion.pkl", "champion.json", "report.json")]
+        if history.exists() and len(read_capped(history, MAX_CHECKPOINT_BYTES, regular=True).splitlines()) > 1:
+            left.insert(0, history)
+        for path in left:
+            if path.exists():
+                raise BitneatError(
+                    f"{self.path / 'checkpoints'}: holds no checkpoint, though {path} says that a generation was completed;"
+                    " put the last one back, or begin a new run with another -o"
+                )
 
     def _refuse_foreign(self, path: Path, data: Mapping[str, Any]) -> None:
         """Checkpoints, and runs, of before there was an identity lack it, and are taken as they are."""

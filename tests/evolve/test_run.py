@@ -8,6 +8,7 @@ import csv
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -140,6 +141,42 @@ def test_a_finished_run_resumes_to_the_same_champion(tmp_path: Path) -> None:
     before = folder.champion_pickle.read_bytes()
     evolve(folder, folder.settings(), new=False)
     assert folder.champion_pickle.read_bytes() == before
+
+
+@pytest.mark.parametrize("whole_folder", [False, True])
+@pytest.mark.parametrize("kept", [None, "history.csv", "champion.pkl", "champion.json", "report.json"])
+def test_a_run_whose_checkpoints_are_gone_is_not_begun_again(
+    tmp_path: Path, kept: str | None, whole_folder: bool
+) -> None:
+    folder = RunFolder(tmp_path / "run")
+    evolve(folder, settings_for())
+    checkpoints = folder.path / "checkpoints"
+    for path in checkpoints.iterdir():
+        path.unlink()
+    if whole_folder:
+        checkpoints.rmdir()
+    for name in ("history.csv", "champion.pkl", "champion.json", "report.json") if kept else ():
+        if name != kept:
+            (folder.path / name).unlink()
+    before = {path: path.read_bytes() for path in folder.path.iterdir() if path.is_file()}
+    named = f"{checkpoints}: holds no checkpoint, though {folder.path / (kept or 'history.csv')} says"
+    for use in (lambda: evolve(folder, folder.settings(), new=False), folder.generations):
+        with pytest.raises(BitneatError, match=re.escape(named)):
+            use()
+    assert {path: path.read_bytes() for path in folder.path.iterdir() if path.is_file()} == before
+
+
+@pytest.mark.parametrize("left", ["nothing", "a folder", "a history of no rows"])
+def test_a_run_that_was_killed_before_its_first_checkpoint_resumes_from_nothing(tmp_path: Path, left: str) -> None:
+    whole, killed = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "killed")
+    evolve(whole, settings_for())
+    killed.create(settings_for())
+    if left != "a folder":
+        (killed.path / "checkpoints").rmdir()
+    if left == "a history of no rows":
+        (killed.path / "history.csv").write_text((whole.path / "history.csv").read_text().splitlines()[0] + "\n")
+    evolve(killed, killed.settings(), new=False)
+    assert killed.champion_pickle.read_bytes() == whole.champion_pickle.read_bytes()
 
 
 def test_a_checkpoint_restores_to_itself(tmp_path: Path) -> None:
