@@ -131,7 +131,7 @@ def evolve(
         start: a champion, or a float teacher, to start from instead of from nothing.
         population: genomes a generation; None for the configuration's.
         generations: None for the configuration's.
-        seconds: stop after so long; such a run cannot be reproduced.
+        seconds: stop after so long; a run that this cuts short cannot be reproduced.
         seed: of all randomness, from 0.
         workers: processes or threads; None for one a core. They change no result.
         simulator: ``auto``, ``native`` or ``gymnasium``; the results are the same.

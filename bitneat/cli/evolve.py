@@ -123,6 +123,8 @@ def run(args: argparse.Namespace) -> int:
         folder = RunFolder(args.resume, warn)
         settings = _resumed_settings(args, folder)
     outcome = _evolve(args, folder, settings)
+    if not outcome.finished:
+        warn(f"--time cut the run short, which cannot be reproduced; bitneat evolve --resume {folder.path} goes on")
     if args.output is None and args.resume is None:
         from bitneat.champion import save_pickle
 
@@ -151,6 +153,8 @@ def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:
 
 
 def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) -> Outcome:
+    from dataclasses import replace
+
     from bitneat.evolve.run import carry_on, searching
     from bitneat.evolve.setup import episode_limit
     from bitneat.sim.environment import inspect
@@ -164,10 +168,11 @@ def _evolve(args: argparse.Namespace, folder: RunFolder, settings: RunSettings) 
             # Only when the last checkpoint is known to go on with them: what is saved is what every later --resume takes.
             if args.config is not None:
                 _renew_checkpoint(folder, info)
-            folder.restore(searching(folder, settings, info), settings.begun_at)
+            search = searching(folder, settings, info)
+            folder.restore(search, settings.begun_at)
+            if search.finished and settings.seconds is not None:  # nothing is left that it could cut off
+                settings = replace(settings, seconds=folder.settings().seconds)
             folder.save_settings(settings)
-        if settings.seconds is not None:
-            print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
         _tell_of_linear_start_alone(settings.config)
         evaluator: Evaluator | None = None
         try:

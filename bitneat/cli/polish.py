@@ -104,6 +104,8 @@ def run(args: argparse.Namespace) -> int:
         folder = PolishFolder(args.resume, warn)
         settings, polish, history = _resumed(args, folder)
     champion, score, finished = _polish(args, folder, settings, polish, history)
+    if not finished:
+        warn(f"--time cut the run short, which cannot be reproduced; bitneat polish --resume {folder.path} goes on")
     summary = _summary(folder, champion, score, finished)
     if excess := settings.goal.excess(len(pack(champion.controller))):
         warn(f"none of at most {settings.goal.max_bytes} packed bytes was found: the champion has {excess} more")
@@ -131,8 +133,6 @@ def _polish(
     simulator = choose_simulator(spec, args.simulator)
     if args.resume is None:
         folder.create()
-    if settings.seconds is not None:
-        print("bitneat: --time makes a run that cannot be reproduced", file=sys.stderr)
     evaluator = None
     try:
         evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)

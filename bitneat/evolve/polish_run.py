@@ -13,7 +13,7 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -253,7 +253,9 @@ def carry_on(
 def _champion(
     settings: PolishSettings, polish: Polish, controller: Controller, selection: Score | None, score: Score | None
 ) -> Champion:
-    """A champion, or the leader so far, which has no scores."""
+    """A champion, or the leader so far, which has no scores. A time limit that cut nothing off is as none."""
+    if polish.generation >= settings.generations:
+        settings = replace(settings, seconds=None)
     provenance = {
         "tool": f"bitneat {__version__}",
         "polish": {key: value for key, value in settings.to_data().items() if key not in ("environment", "action")},

@@ -542,7 +542,8 @@ def _champion(
         "steps": search.total_steps,
         "selection": {**selection.to_data(), "first_seed": SELECTION_START},
         "held_out": None if score is None else {**score.to_data(), "first_seed": REPORT_START},
-        "reproducible": settings.seconds is None,
+        # A limit that cut nothing off is as none; of a leader on the way nobody knows yet.
+        "reproducible": settings.seconds is None or search.finished,
         "max_steps": search.max_steps,
     }
     policy = candidate.controller

@@ -376,6 +376,19 @@ def test_a_time_limit_can_be_lifted_and_the_run_is_then_as_if_it_had_had_none(ti
         assert (Path("cut") / path.relative_to("whole")).read_bytes() == path.read_bytes(), path
 
 
+def test_a_time_limit_that_cuts_nothing_off_changes_nothing(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "2", "--workers", "1"]
+    assert main([*arguments, "-o", "run"]) == 0
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    for limit in ("1e-9", "1000"):
+        assert main(["evolve", "--resume", "run", "--workers", "1", "--time", limit]) == 0
+    assert main(["evolve", "--resume", "run", "--workers", "1"]) == 0
+    assert {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()} == before
+    assert main([*arguments, "-o", "limited", "--time", "1000"]) == 0
+    assert Path("limited/champion.pkl").read_bytes() == Path("run/champion.pkl").read_bytes()
+    assert "cannot be reproduced" not in capsys.readouterr().err
+
+
 def test_the_same_change_of_configuration_given_again_is_no_other_change(tiny: str) -> None:
     Path("next.ini").write_text(TINY + "[BitReproduction]\ncrossover = 0.5\n")
     common = ["--env", "CartPole-v1", "--config", tiny, "--workers", "1"]

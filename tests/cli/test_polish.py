@@ -27,7 +27,6 @@ def test_a_champion_gets_smaller_and_the_result_does_not_depend_on_workers(
     printed = capsys.readouterr()
     assert "held-out episodes" in printed.out
     assert "smallest above the floor" in printed.err
-    assert not champions.load(tmp_path / "2/champion.pkl").provenance["reproducible"]
     summary = json.loads((tmp_path / "1.json").read_text())
     assert summary["controller"]["ternary"]
     assert summary["controller"]["packed_bytes"] < 22
@@ -38,8 +37,14 @@ def test_a_champion_gets_smaller_and_the_result_does_not_depend_on_workers(
     with sole_user(tmp_path / "1"):
         assert main(["polish", "--resume", str(tmp_path / "1"), "--generations", "2"]) == 2
     assert capsys.readouterr().err.endswith("another process is at work there; expected a run that none continues\n")
-    assert main(["polish", "--resume", str(tmp_path / "2"), "--generations", "1", "--time", "none"]) == 0
-    assert (tmp_path / "1/champion.pkl").read_bytes() == (tmp_path / "2/champion.pkl").read_bytes()
+    whole = (tmp_path / "1/champion.pkl").read_bytes()
+    assert (tmp_path / "2/champion.pkl").read_bytes() == whole  # the limit cut nothing off
+    assert main(["polish", "--resume", str(tmp_path / "1"), "--time", "1e-9"]) == 0
+    assert "cannot be reproduced" not in capsys.readouterr().err
+    assert (tmp_path / "1/champion.pkl").read_bytes() == whole
+    assert main(["polish", "--resume", str(tmp_path / "1"), "--generations", "3", "--time", "1e-9"]) == 0
+    assert "--time cut the run short, which cannot be reproduced" in capsys.readouterr().err
+    assert champions.load(tmp_path / "1/champion.pkl").provenance["reproducible"] is False
 
 
 @pytest.mark.parametrize(
