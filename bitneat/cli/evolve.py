@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 import ast
+import contextlib
+import filecmp
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,15 +36,18 @@ EXAMPLE = """\
   bitneat evolve                                          BipedalWalker-v3 into runs/BipedalWalker-v3-0
   bitneat evolve --env CartPole-v1 --generations 20 -o cartpole
   bitneat evolve --resume runs/BipedalWalker-v3-0
-  bitneat evolve --start float.pkl                        from a float teacher
+  bitneat evolve --start float.pkl -o from-teacher        from a float teacher
   bitneat evolve --evaluator ray --ray-address auto       the episodes on a Ray cluster"""
 FILES = """\
   RUN/             written: config.ini, run.json, history.csv, checkpoints/,
                    champion.pkl, champion.json, report.json
-  champion.pkl     written too, in this folder, if neither -o nor --resume is given
+  champion.pkl     written too, in this folder, if neither -o nor --resume is
+                   given; one that is no copy of a run's in runs/ is refused
   FILE             with --config: read"""
 
 DEFAULT_ENVIRONMENT = "BipedalWalker-v3"
+_RUNS = Path("runs")
+_COPY = Path("champion.pkl")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -114,9 +119,14 @@ def run(args: argparse.Namespace) -> int:
     allow_imports(args.imports or ())
     if args.resume is None:
         if args.output is None:
-            require_writable("champion.pkl")
+            require_writable(_COPY)
+            if not _is_copy():
+                raise BitneatError(
+                    f"{_COPY}: exists and would be overwritten, and no {_RUNS}/*/{_COPY} is the same;"
+                    " move it elsewhere, or give -o"
+                )
         settings = _new_settings(args)
-        path = args.output or Path("runs") / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
+        path = args.output or _RUNS / f"{settings.environment.id.replace('/', '-')}-{settings.seed}"
         folder = RunFolder(path, warn)
     else:
         _refuse_other_settings(args)
@@ -128,13 +138,25 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None and args.resume is None:
         from bitneat.champion import save_pickle
 
-        save_pickle(outcome.champion, Path("champion.pkl"))
+        if _is_copy():
+            save_pickle(outcome.champion, _COPY)
+        else:
+            warn(f"{_COPY}: another was put here meanwhile, and stays; the champion is {folder.champion_pickle}")
     _print_summary(folder, outcome, settings.config)
     if args.json is not None:
         from bitneat.files import write_json
 
         write_json(args.json, summary(folder, outcome))
     return 0
+
+
+def _is_copy() -> bool:
+    """Whether the champion in the current folder is no loss: there is none, or a run that is kept has the same."""
+    if not _COPY.is_file():
+        return True
+    with contextlib.suppress(OSError):
+        return any(filecmp.cmp(_COPY, path, shallow=False) for path in _RUNS.glob(f"*/{_COPY}"))
+    return False
 
 
 def summary(folder: RunFolder, outcome: Outcome) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import tests.sim.strange  # noqa: F401 - registers environments
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from bitneat.evolve.run import Outcome
 from bitneat.files import sole_user
 from tests.sealed import resealed, sealed
 
@@ -83,6 +85,37 @@ def test_without_a_folder_the_champion_is_copied_to_the_current_one(tiny: str) -
         == 0
     )
     assert Path("champion.pkl").read_bytes() == Path("runs/CartPole-v1-3/champion.pkl").read_bytes()
+
+
+def test_a_champion_in_the_current_folder_that_no_run_has_is_not_overwritten(
+    tiny: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["evolve", "--env", "CartPole-v1", "--config", tiny, "--generations", "1", "--workers", "1"]
+    copy = Path("champion.pkl")
+    copy.write_bytes(b"of another environment")
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("bitneat: champion.pkl: exists and would be overwritten")
+    assert error.count("\n") == 1
+    assert (copy.read_bytes(), Path("runs").exists()) == (b"of another environment", False)
+    assert main([*arguments, "-o", "elsewhere"]) == 0  # which copies nothing here
+    assert copy.read_bytes() == b"of another environment"
+    copy.unlink()
+    for seed in ("1", "2"):  # the first one's is a copy
+        assert main([*arguments, "--seed", seed]) == 0
+        assert copy.read_bytes() == Path(f"runs/CartPole-v1-{seed}/champion.pkl").read_bytes()
+
+    from bitneat.cli import evolve
+
+    def meanwhile(*args: object, real: Callable[..., Outcome] = evolve._evolve) -> Outcome:
+        outcome = real(*args)
+        copy.write_bytes(b"put here meanwhile")
+        return outcome
+
+    monkeypatch.setattr(evolve, "_evolve", meanwhile)
+    assert main([*arguments, "--seed", "3"]) == 0
+    assert copy.read_bytes() == b"put here meanwhile"
+    assert "the champion is runs/CartPole-v1-3/champion.pkl" in capsys.readouterr().err
 
 
 def test_environment_arguments_reach_the_environment_and_the_champion(tiny: str) -> None:
