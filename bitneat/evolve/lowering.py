@@ -6,9 +6,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
-from bitneat.controller.activation import output_limit
+from bitneat.controller.activation import ACTIVATION_NAMES, output_limit
 from bitneat.controller.digits import signed_powers
-from bitneat.controller.ir import ACCUMULATOR_MAX, Constant
+from bitneat.controller.ir import ACCUMULATOR_MAX, GAIN_RANGE, Constant
+from bitneat.controller.reference import node_value
 from bitneat.errors import BitneatError
 from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
 from bitneat.evolve.ordering import evaluation_order, signal_numbers
@@ -55,40 +56,112 @@ def lower(genome: BitGenome, inputs: tuple[Input, ...], num_outputs: int, frac_b
 
 
 def genome_from_controller(key: int, controller: Controller, settings: BitGenomeConfig) -> BitGenome:
-    """A genome that lowers to a ternary controller again.
+    """A genome that lowers to a ternary controller again, or to one that computes the same.
+
+    In a genome each output is a node of its own, nothing reads one in the same step, and a link is known by its ends. So an output
+    that is a constant or an input becomes a node of that value; a node that serves two outputs, or an output and other nodes, is
+    there twice; and so is a source that a node reads both now and delayed.
+
+    Args:
+        key: of the genome.
+        controller: canonical.
+        settings: of the genome; they give innovation numbers and keys.
 
     Raises:
-        BitneatError: if the controller is not ternary, reads one source twice, or an output in the same step: no genome does.
+        BitneatError: naming what no genome has: a link with a shift, a bias that is not 0 or ±2^F, a constant output that no bias
+            and gain make, or a node that no input reaches, unless it is an output.
     """
     genome = BitGenome(key)
-    first = len(controller.inputs)
-    keys = {index: -1 - index for index in range(first)}
-    for place, output in enumerate(controller.outputs):
-        if isinstance(output, Constant) or output.index in keys:
-            raise BitneatError(
-                f"outputs[{place}]: is a constant, an input or another output's node; no genome has that"
-            )
-        keys[output.index] = place
-    genome.nodes = {place: BitNodeGene(place) for place in range(len(controller.outputs))}
+    first, count = len(controller.inputs), len(controller.outputs)
+    keys, copies = _places(controller)
+    genome.nodes = {place: BitNodeGene(place) for place in range(count)}
+    names = {}
     for index in range(first, controller.num_signals):
         if index not in keys:
             keys[index] = settings.get_new_node_key(genome.nodes)
             genome.nodes[keys[index]] = BitNodeGene(keys[index])
-    for index, node in enumerate(controller.nodes, start=first):
-        gene = genome.nodes[keys[index]]
+        names[keys[index]] = f"nodes[{index - first}]"
+    again: dict[int, int] = {}
+
+    def fill(target: int, node: Node, where: str) -> None:
+        gene = genome.nodes[target]
         gene.gain, gene.activation, gene.bias = node.gain, node.activation, node.bias // controller.one
         if gene.bias not in (-1, 0, 1) or gene.bias * controller.one != node.bias:
-            raise BitneatError(f"nodes[{index - first}].bias: {node.bias} is not 0 or ±2^F")
+            raise BitneatError(f"{where}.bias: {node.bias} is not 0 or ±2^F")
         for place, link in enumerate(node.links):
-            ends = keys[link.source], keys[index]
-            reads_output = 0 <= ends[0] < len(controller.outputs) and not link.delay
-            if link.shift or reads_output or ends in genome.connections:
-                raise BitneatError(f"nodes[{index - first}].links[{place}]: has no equal in a genome")
+            if link.shift:
+                raise BitneatError(f"{where}.links[{place}]: has a shift, which no link of a genome has")
+            ends = keys[link.source], target
+            if ends in genome.connections:
+                ends = second(link.source), target
             innovation = settings.innovation_tracker.get_innovation_number(*ends, "add_connection")
             gene_link = BitConnectionGene(ends, innovation=innovation)
             gene_link.weight, gene_link.enabled, gene_link.delay = link.sign, True, link.delay
             genome.connections[ends] = gene_link
+
+    def second(source: int) -> int:
+        """Another node of a signal's value; what it reads comes before it where it is read now, so that this ends."""
+        if source not in again:
+            again[source] = settings.get_new_node_key(genome.nodes)
+            genome.nodes[again[source]] = BitNodeGene(again[source])
+            fill(again[source], _node_like(source, controller), names.get(keys[source], f"inputs[{source}]"))
+        return again[source]
+
+    for index, node in enumerate(controller.nodes, start=first):
+        if keys[index] not in copies:
+            fill(keys[index], node, f"nodes[{index - first}]")
+    for place, node in copies.items():
+        fill(place, node, f"outputs[{place}]")
+    reached = _reached_from_inputs(genome.connections.values())
+    for hidden in genome.nodes:
+        if hidden >= count and hidden not in reached:
+            raise BitneatError(
+                f"{names.get(hidden, 'a node')}: no input reaches it, and a genome leaves such a node out"
+            )
     return genome
+
+
+def _places(controller: Controller) -> tuple[dict[int, int], dict[int, Node]]:
+    """The keys in a genome of inputs and of nodes that are outputs, and the outputs that need a node beside the controller's."""
+    first = len(controller.inputs)
+    keys = {index: -1 - index for index in range(first)}
+    read_now = {link.source for node in controller.nodes for link in node.links if not link.delay}
+    copies: dict[int, Node] = {}
+    constants: dict[int, int] = {}
+    for place, output in enumerate(controller.outputs):
+        if isinstance(output, Constant):
+            constants[output.value] = place
+            copies[place] = _constant_node(output.value, controller, f"outputs[{place}]")
+        elif output.index in keys or output.index in read_now:
+            copies[place] = _node_like(output.index, controller)
+        else:
+            keys[output.index] = place
+    for index, node in enumerate(controller.nodes, start=first):
+        value = None if node.links else node_value(node, (), (), controller.frac_bits)
+        if value in constants:  # of a constant output that others read delayed the canonical form makes two
+            keys[index] = constants[value]
+    return keys, copies
+
+
+def _node_like(signal: int, controller: Controller) -> Node:
+    """A node of a signal's value."""
+    first = len(controller.inputs)
+    return controller.nodes[signal - first] if signal >= first else Node((Link(signal),), 0, 0, "identity")
+
+
+def _constant_node(value: int, controller: Controller, where: str) -> Node:
+    """A node without links of a genome's bias and gain, whose value is a constant.
+
+    Raises:
+        BitneatError: if there is none.
+    """
+    for activation in dict.fromkeys(("clamped", "identity", *ACTIVATION_NAMES)):
+        for gain in sorted(range(GAIN_RANGE[0], GAIN_RANGE[1] + 1), key=abs):
+            for bias in (0, 1, -1):
+                node = Node((), bias * controller.one, gain, activation)
+                if node_value(node, (), (), controller.frac_bits) == value:
+                    return node
+    raise BitneatError(f"{where}: is the constant {value}, which no bias and gain of a genome make")
 
 
 def lower_float(genome: PlainGenome, num_inputs: int, num_outputs: int) -> FloatNetwork:

@@ -13,7 +13,7 @@ from typing import Any
 from neat.population import Population
 
 from bitneat.champion import EnvironmentSpec
-from bitneat.controller import Controller
+from bitneat.controller import Constant, Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config
 from bitneat.evolve.evaluation import Evaluator
@@ -189,9 +189,7 @@ class Search:
         with self.streams.neat():
             self.population = Population(self._neat_config)
             if start and not self._populate(start):
-                raise BitneatError(
-                    "start: no genome is like the champion: it has constant outputs, or one node for two"
-                )
+                raise BitneatError("start: no genome is like the champion")
         settings = config["evolve"]
         self.linear: LinearSearch | None = None
         if settings["linear_generations"]:
@@ -272,15 +270,16 @@ class Search:
         )
         if not self.starting:
             with self.streams.neat():
-                self._populate([linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)])
+                roundings = [linear.ternary(r) for r in range(1, LINEAR_RESOLUTION + 1)]
+                # Too coarse a rounding leaves an output without links; it would take a share of the population for nothing.
+                self._populate([one for one in roundings if not any(isinstance(o, Constant) for o in one.outputs)])
             self._restarted = self.generation  # patience is for what is bred, which has had no generation yet
         return self.history[-1]
 
     def _populate(self, controllers: Sequence[Controller]) -> bool:
         """A population of these controllers' genomes in turn, all but the first of each mutated.
 
-        A controller that no genome is like (one with a constant output, say) is left out; without any the population stays,
-        and the answer is False.
+        A controller that no genome is like is left out; without any the population stays, and the answer is False.
         """
         settings = self._neat_config.genome_config
         settings.innovation_tracker = self.population.reproduction.innovation_tracker

@@ -3,10 +3,14 @@
 
 from __future__ import annotations
 
+from neat.innovation import InnovationTracker
+
 from bitneat.champion import AnyChampion, FloatChampion
 from bitneat.controller import Controller
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import Config
+from bitneat.evolve.config import Config, parse
+from bitneat.evolve.genome import BitGenomeConfig
+from bitneat.evolve.lowering import genome_from_controller
 from bitneat.quantize import QuantizeError, spend_gains, to_ternary
 from bitneat.sim.environment import EnvironmentInfo, default_inputs, one_limit
 
@@ -29,7 +33,7 @@ def starting_point(
         where: what a message starts with.
 
     Raises:
-        BitneatError: if the champion does not fit the environment, or nothing ternary comes of it.
+        BitneatError: if the champion does not fit the environment, nothing ternary comes of it, or no genome is like that.
     """
     if config["NEAT"]["genome"] != "BitGenome":
         raise BitneatError(f"{where}: a search can start from a champion with [NEAT] genome = BitGenome only")
@@ -40,6 +44,7 @@ def starting_point(
     controllers = _of_teacher(champion, config, info) if network else _of_champion(champion)
     if not controllers:
         raise BitneatError(f"{where}: no ternary controller comes near it; try bitneat quantize --method search")
+    _refuse_unlike(controllers, where)
     inputs = controllers[0].inputs
     config = config.with_values(
         "evolve",
@@ -49,6 +54,25 @@ def starting_point(
         input_limits=tuple(entry.limit for entry in inputs),
     )
     return config, controllers
+
+
+def _refuse_unlike(controllers: tuple[Controller, ...], where: str) -> None:
+    """Say why no genome is like any of the controllers.
+
+    Raises:
+        BitneatError: if that is so.
+    """
+    reason: BitneatError | None = None
+    for controller in controllers:
+        settings = BitGenomeConfig(dict(parse("", where)["BitGenome"]), len(controller.inputs), len(controller.outputs))
+        settings.innovation_tracker = InnovationTracker()
+        try:
+            genome_from_controller(0, controller, settings)
+        except BitneatError as error:
+            reason = reason or error
+        else:
+            return
+    raise BitneatError(f"{where}: no genome is like it: {reason}")
 
 
 def _of_champion(champion: AnyChampion) -> tuple[Controller, ...]:

@@ -5,15 +5,23 @@ from __future__ import annotations
 
 import random
 from functools import cache
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from neat.innovation import InnovationTracker
 
-from bitneat.controller import Constant, Controller, Input, Reference, Signal
+import bitneat
+from bitneat.controller import Constant, Controller, Input, Link, Node, Reference, Signal
 from bitneat.controller.activation import evaluate
 from bitneat.errors import BitneatError
-from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitNodeGene
-from bitneat.evolve.lowering import has_path, lower
+from bitneat.evolve.config import parse
+from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
+from bitneat.evolve.lowering import genome_from_controller, has_path, lower
 from tests.evolve.test_genome import make_config, make_genome
+from tests.strategies import controllers_with_inputs, input_vectors, patient
+
+CHAMPIONS = Path(__file__).resolve().parents[2] / "examples" / "champions"
 
 INPUTS = tuple(Input(0, 2000) for _ in range(5))
 
@@ -127,3 +135,98 @@ def test_a_gain_that_could_overflow_the_accumulator_is_lowered(count: int) -> No
     controller = lower(genome, (Input(),) * count, 1, 8)
     assert isinstance(controller, Controller)
     assert controller.nodes[0].gain == (7 if count <= 512 else 6)
+
+
+def there_and_back(controller: Controller) -> Controller:
+    """What a genome that is like a controller lowers to."""
+    settings = BitGenomeConfig(dict(parse("", "test")["BitGenome"]), len(controller.inputs), len(controller.outputs))
+    settings.innovation_tracker = InnovationTracker()
+    genome = genome_from_controller(1, controller, settings)
+    return lower(genome, controller.inputs, len(controller.outputs), controller.frac_bits)
+
+
+@patient
+@given(controllers_with_inputs(ternary=True, max_steps=12))
+def test_a_controller_that_a_genome_is_like_computes_the_same_after_it(
+    drawn: tuple[Controller, list[list[int]]],
+) -> None:
+    controller, inputs = drawn
+    try:
+        again = there_and_back(controller.canonical)
+    except BitneatError as error:  # no genome is
+        assert "[" in str(error) or "a node" in str(error)
+        return
+    assert Reference(again).run(inputs) == Reference(controller).run(inputs)
+
+
+X, ONE = Input(0, 2000), 256
+
+
+@pytest.mark.parametrize(
+    ("nodes", "outputs", "same"),
+    [
+        ((), (Constant(0), Constant(256), Constant(-64), Constant(1024)), True),
+        ((), (Signal(0), Signal(1), Signal(0)), False),
+        ((Node((Link(0), Link(1, 1, 0, -1)), ONE, -2, "tanh"),), (Signal(2), Signal(2)), False),
+        ((Node((Link(0), Link(2, 1)), 0, 1), Node((Link(2), Link(1)), 0, 0, "relu")), (Signal(2), Signal(3)), False),
+        ((Node((Link(0), Link(0, 1, 0, -1)), 0, 3),), (Signal(2),), False),
+        ((Node((Link(0),), 0, 0, "abs"), Node((Link(2), Link(2, 1, 0, -1)), 0, 2)), (Signal(3), Signal(3)), False),
+        ((Node((Link(2, 1, 0, -1),), ONE),), (Signal(2),), True),
+        ((Node((), ONE), Node((Link(0), Link(2, 1)))), (Signal(2), Signal(3)), True),
+    ],
+    ids=[
+        "constants", "inputs", "one node for two", "a node that others read", "an input now and before",
+        "a node now and before", "a clock", "a constant output that others read",
+    ],
+)  # fmt: skip
+def test_what_outputs_share_or_nodes_read_twice_becomes_nodes_of_their_own(
+    nodes: tuple[Node, ...], outputs: tuple[Signal | Constant, ...], same: bool
+) -> None:
+    controller = Controller((X, X), nodes, outputs).canonical
+    again = there_and_back(controller)
+    assert (again.sha256 == controller.sha256) is same
+    inputs = input_vectors(controller, random.Random(1), 50)
+    assert Reference(again).run(inputs) == Reference(controller).run(inputs)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "outputs", "message"),
+    [
+        ((), (Constant(3),), r"outputs\[0\]: is the constant 3, which no bias and gain of a genome make"),
+        ((Node((Link(0),), 3),), (Signal(2),), r"nodes\[0\]\.bias: 3 is not 0 or ±2\^F"),
+        ((Node((Link(0, 0, 1),)),), (Signal(2),), r"nodes\[0\]\.links\[0\]: has a shift"),
+        (
+            (Node((Link(2, 1, 0, -1),), ONE), Node((Link(2), Link(0)), 0)),
+            (Signal(3),),
+            r"nodes\[0\]: no input reaches it",
+        ),
+    ],
+)
+def test_what_no_genome_has_is_named(
+    nodes: tuple[Node, ...], outputs: tuple[Signal | Constant, ...], message: str
+) -> None:
+    with pytest.raises(BitneatError, match=message):
+        there_and_back(Controller((X, X), nodes, outputs).canonical)
+
+
+@pytest.mark.parametrize("path", sorted(CHAMPIONS.glob("*.pkl")), ids=lambda path: path.stem)
+def test_a_search_can_start_from_every_champion_of_the_examples(path: Path) -> None:
+    controller = bitneat.load(path).controller.canonical
+    if not controller.is_ternary:
+        pytest.skip("is not ternary; a search starts from its ternary version")
+    again = there_and_back(controller)
+    inputs = input_vectors(controller, random.Random(2), 200)
+    assert Reference(again).run(inputs) == Reference(controller).run(inputs)
+
+
+def test_of_a_genomes_controller_there_is_a_genome_again() -> None:
+    random.seed(12)
+    config = make_config("[BitGenome]\nnum_hidden = 3\ninitial_links = 2\nmutate_bias = 2\nmutate_delay = 2\n")
+    for number in range(60):
+        genome = make_genome(config)
+        for _ in range(25):
+            genome.mutate(config)
+        controller = lower(genome, INPUTS, 2, 8)
+        again = there_and_back(controller)
+        inputs = input_vectors(controller, random.Random(number), 12)
+        assert Reference(again).run(inputs) == Reference(controller).run(inputs), number

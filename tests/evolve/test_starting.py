@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +13,9 @@ import pytest
 import bitneat
 from bitneat.champion import Champion, EnvironmentSpec, FloatChampion, save_pickle
 from bitneat.cli.main import main
-from bitneat.controller import Constant, Controller
+from bitneat.controller import Constant, Controller, Reference
 from bitneat.errors import BitneatError
-from bitneat.evolve.config import load
+from bitneat.evolve.config import load, parse
 from bitneat.evolve.randomness import report_seeds
 from bitneat.evolve.run import RunFolder
 from bitneat.evolve.search import Search
@@ -25,6 +26,7 @@ from bitneat.policy.layers import layered_network
 from bitneat.sim.environment import inspect
 from bitneat.sim.walker import run_episodes
 from tests.evolve.test_run import stop_after
+from tests.strategies import input_vectors
 
 ROOT = Path(__file__).resolve().parents[2]
 WALKER = EnvironmentSpec("BipedalWalker-v3")
@@ -143,11 +145,25 @@ def test_what_no_search_can_start_from_is_one_line(tmp_path: Path, capsys: pytes
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1
-    constant = Controller(tiny.controller.inputs, (), (Constant(0),) * 4)
+    constant = Controller(tiny.controller.inputs, (), (Constant(3),) * 4)
     save_pickle(Champion(constant, tiny.action, WALKER), tmp_path / "constant.pkl")
     assert main(["evolve", "-o", str(tmp_path / "run"), "--start", str(tmp_path / "constant.pkl")]) == 2
-    assert "no genome is like the champion" in capsys.readouterr().err
+    named = f"--start {tmp_path / 'constant.pkl'}: no genome is like it: outputs[0]: is the constant 3"
+    assert capsys.readouterr().err.startswith(f"bitneat: {named}")
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("name", ["cartpole", "acrobot", "mountaincar"])
+def test_a_champion_with_constant_or_shared_outputs_is_started_from(tmp_path: Path, name: str) -> None:
+    path = ROOT / "examples" / "champions" / f"{name}.pkl"
+    champion = bitneat.load(path)
+    assert champion.environment is not None
+    info = inspect(champion.environment)
+    config, start = starting_point(champion, parse(BRIEF, "test"), info, "start")
+    search = Search(config, champion.environment, info, 3, start)
+    first = search.kind.lower(next(iter(search.population.population.values())))[0]
+    inputs = input_vectors(champion.controller, random.Random(3), 200)
+    assert Reference(first).run(inputs) == Reference(champion.controller).run(inputs)
 
 
 def test_a_teacher_of_no_use_is_said_so(teacher: FloatChampion) -> None:
