@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, seed, whole_number
-from bitneat.cli.outcome import controller_data, print_champion, warn
+from bitneat.cli.outcome import controller_data, print_champion, say_how_to_go_on, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -110,25 +110,20 @@ def run(args: argparse.Namespace) -> int:
         raise BitneatError(
             f"--resume {folder}: has completed {search.generation} generations, more than the {args.generations} asked for"
         )
-    evaluator = None
-    alone = ExitStack()
     try:
-        alone.enter_context(begun(folder, LINEAR) if state is None else sole_user(folder))
-        evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
-        while search.generation < settings["generations"]:
-            row = search.advance(evaluator)
-            history.append(list(vars(row).values()))
-            _save(file, settings, imports, search, history)
-            _tell(row)
-        summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
-    except KeyboardInterrupt as stop:
-        if search.generation:
-            stop.args = (f"stopped; continue with: bitneat linear --resume {folder}",)
+        with ExitStack() as held:
+            held.enter_context(begun(folder, LINEAR) if state is None else sole_user(folder))
+            evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, info.max_steps)
+            held.callback(evaluator.close)
+            while search.generation < settings["generations"]:
+                row = search.advance(evaluator)
+                history.append(list(vars(row).values()))
+                _save(file, settings, imports, search, history)
+                _tell(row)
+            summary = _finish(folder, settings, search, evaluator=evaluator, recheck=recheck, spec=spec, info=info)
+    except KeyboardInterrupt as stop:  # a second one while it closes, too
+        say_how_to_go_on(stop, f"bitneat linear --resume {folder}", begun=file.exists())
         raise
-    finally:
-        if evaluator is not None:
-            evaluator.close()
-        alone.close()
     print_champion(summary)
     if args.json is not None:
         from bitneat.files import write_json

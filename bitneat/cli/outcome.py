@@ -18,6 +18,16 @@ def warn(text: str) -> None:
     print("bitneat:", printable(" ".join(text.split("\n"))), file=sys.stderr, flush=True)
 
 
+def say_how_to_go_on(stop: KeyboardInterrupt, command: str, *, begun: bool) -> None:
+    """Let an interrupt end the command with how to go on, or with that nothing was kept where there is no checkpoint yet."""
+    if begun:
+        stop.args = (f"stopped; continue with: {command}",)
+    else:
+        stop.args = (
+            "stopped before the first generation was complete; nothing is kept: the same command begins again",
+        )
+
+
 def controller_data(controller: Policy) -> dict[str, Any]:
     """The ``controller`` of a command's JSON; a float network is not ternary and has no packed form."""
     from bitneat.controller.packing import pack

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bitneat.cli.arguments import add_json, add_time, seed, time_limit, whole_number
-from bitneat.cli.outcome import controller_data, print_champion, warn
+from bitneat.cli.outcome import controller_data, print_champion, say_how_to_go_on, warn
 from bitneat.cli.simulator import add_simulator, choose_simulator, evaluator_for
 from bitneat.errors import BitneatError
 
@@ -135,15 +135,15 @@ def _polish(
         folder.create()
     evaluator = None
     try:
-        evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)
-        return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck, front=args.front)
-    except KeyboardInterrupt as stop:
-        if polish.generation:
-            stop.args = (f"stopped; continue with: bitneat polish --resume {folder.path}",)
+        try:
+            evaluator, recheck = evaluator_for(simulator, args.workers, spec, info, settings.max_steps)
+            return carry_on(folder, settings, polish, history, evaluator, tell=_tell, check=recheck, front=args.front)
+        finally:
+            if evaluator is not None:
+                evaluator.close()
+    except KeyboardInterrupt as stop:  # a second one while it closes, too
+        say_how_to_go_on(stop, f"bitneat polish --resume {folder.path}", begun=folder.is_begun)
         raise
-    finally:
-        if evaluator is not None:
-            evaluator.close()
 
 
 def _tell(row: Row) -> None:

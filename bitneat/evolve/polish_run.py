@@ -122,6 +122,11 @@ class PolishFolder:
         """``champion.pkl``."""
         return self.path / "champion.pkl"
 
+    @property
+    def is_begun(self) -> bool:
+        """Whether there is a checkpoint, whole or not."""
+        return self._state.exists()
+
     def create(self) -> None:
         """Make the folder.
 

@@ -85,3 +85,29 @@ def test_a_champion_for_another_action_space_is_refused_before_a_run_is_begun(
     assert main(["polish", str(tmp_path / "other.json"), "--generations", "1", "-o", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err == "bitneat: Acrobot-v1: the champions are for another action space than its own\n"
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("generations", [0, 1])
+def test_an_interrupt_says_how_to_go_on_or_that_nothing_is_kept_though_a_second_one_comes_while_it_closes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], generations: int
+) -> None:
+    from bitneat.evolve.evaluation import GymnasiumEvaluator
+
+    def interrupt(self: object, *arguments: object) -> None:
+        raise KeyboardInterrupt
+
+    run = tmp_path / "run"
+    start = ["polish", str(EXAMPLE), "--workers", "1"]
+    if generations:
+        assert main([*start, "--generations", "1", "-o", str(run)]) == 0
+        expected = f"stopped; continue with: bitneat polish --resume {run}"
+        start = ["polish", "--resume", str(run), "--workers", "1"]
+    else:
+        expected = "stopped before the first generation was complete; nothing is kept: the same command begins again"
+        start = [*start, "-o", str(run)]
+    with monkeypatch.context() as patch:
+        patch.setattr(GymnasiumEvaluator, "evaluate", interrupt)
+        patch.setattr(GymnasiumEvaluator, "close", interrupt)
+        assert main([*start, "--generations", "2"]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == f"bitneat: {expected}"
+    assert main([*start, "--generations", "1"]) == 0
