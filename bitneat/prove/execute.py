@@ -6,11 +6,12 @@ pyvex lifts the machine code to VEX, Valgrind's intermediate language, whose ope
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any
 
+from bitneat.prove.baseline import beyond_armv6m, beyond_x86_64
 from bitneat.prove.flags import HELPERS, UnsupportedError
 from bitneat.prove.memory import Bytes, Memory, Region, Violation
 from bitneat.prove.operations import operation
@@ -40,7 +41,8 @@ class Processor:
         thumb: whether the lowest bit of an address says how to execute what is there.
         machine: ``e_machine`` of its ELF files.
         architectures: of ARM, those whose instructions it executes, the own one last.
-        thumb2: whether it executes all of Thumb-2, not just what ARMv6-M has of it.
+        baseline: the instructions that it has, for messages.
+        beyond: whether an instruction is none of those, though the lifter knows it; None where it need not be asked.
     """
 
     vex: str
@@ -55,7 +57,8 @@ class Processor:
     thumb: bool = False
     machine: str = ""
     architectures: tuple[str, ...] = ()
-    thumb2: bool = False
+    baseline: str = ""
+    beyond: Callable[[bytes], bool] | None = None
     aligned: bool = False
     """Whether an access that is not at a multiple of its size faults."""
 
@@ -71,6 +74,8 @@ AMD64 = Processor(
     initial=(("dflag", 64, 1), ("cc_op", 64, 0)),  # strings go upwards; flags as they were, which nobody knows
     red_zone=128,
     machine="EM_X86_64",
+    baseline="every x86-64",
+    beyond=beyond_x86_64,
 )
 CORTEX_M = Processor(
     vex="ARCH_ARM_LE",
@@ -85,9 +90,8 @@ CORTEX_M = Processor(
     thumb=True,
     machine="EM_ARM",
     architectures=("v6-M", "v6S-M", "v7-M"),
-    thumb2=True,
 )
-CORTEX_M0 = replace(CORTEX_M, architectures=("v6-M", "v6S-M"), thumb2=False, aligned=True)
+CORTEX_M0 = replace(CORTEX_M, architectures=("v6-M", "v6S-M"), baseline="ARMv6-M", beyond=beyond_armv6m, aligned=True)
 CORTEX_M4 = replace(CORTEX_M, architectures=(*CORTEX_M.architectures, "v7E-M"))
 
 
@@ -232,17 +236,11 @@ class Machine:
             raise UnsupportedError(f"at {address:#x}: {error}") from None
         return block.statements, block.next, block.jumpkind
 
-    def _require_armv6m(self, address: int, size: int) -> None:
-        """The lifter knows all of Thumb-2, of which ARMv6-M has calls and barriers alone (ARM DDI 0419, A5.3)."""
+    def _require_known(self, address: int, size: int) -> None:
         at = address - self._program.code.start
-        first, second = (int.from_bytes(self._program.content[at + i : at + i + 2], "little") for i in (0, 2))
-        if size == 4:
-            is_call = first & 0xF800 == 0xF000 and second & 0xD000 == 0xD000
-            is_barrier = first == 0xF3BF and second & 0xFF00 == 0x8F00 and second & 0xF0 in (0x40, 0x50, 0x60)
-            if not is_call and not is_barrier:
-                raise Violation(f"executes {first:04x} {second:04x}, an instruction that ARMv6-M does not have")
-        elif first & 0xF500 == 0xB100 or (first & 0xFF00 == 0xBF00 and first & 0xF):  # cbz, cbnz; it
-            raise Violation(f"executes {first:04x}, an instruction that ARMv6-M does not have")
+        instruction = self._program.content[at : at + size]
+        if self._processor.beyond is not None and self._processor.beyond(instruction):
+            raise Violation(f"executes {instruction.hex(' ')}, beyond the instructions of {self._processor.baseline}")
 
     def _known(self, term: Term, what: str) -> int:
         if not term.is_const:
@@ -273,8 +271,7 @@ class Machine:
                 self._instructions += 1
                 if self._instructions > MAX_INSTRUCTIONS:
                     raise Violation(f"did not come back within {MAX_INSTRUCTIONS} instructions")
-                if self._processor.thumb and not self._processor.thumb2:
-                    self._require_armv6m(statement.addr, statement.len)
+                self._require_known(statement.addr, statement.len)
             case "Ist_WrTmp":
                 self._temporaries[statement.tmp] = self._expression(statement.data)
             case "Ist_Put":

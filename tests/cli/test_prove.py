@@ -135,7 +135,20 @@ def test_an_object_that_does_not_say_for_what_it_is_or_lies_is_refused(
     assert main([*GIVEN[:3], "--object", "other.o", "--targets", "cortex-m0"]) == 2
     assert "other.o: does not say for which ARM it was compiled, expected ARMv6-M" in capsys.readouterr().err
     assert main([*GIVEN, "--targets", "cortex-m0"]) == 1
-    assert "an instruction that ARMv6-M does not have" in capsys.readouterr().out
+    assert "beyond the instructions of ARMv6-M" in capsys.readouterr().out
+
+
+def test_an_object_for_a_newer_x86_64_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    toolchain = CHIP["x86-64"].toolchain()
+    assert toolchain is not None
+    if toolchain.compiler.family != "gcc":
+        pytest.skip("needs gcc for x86-64")
+    assert main(["codegen", str(CHAMPIONS / "walker.pkl"), "-o", "walker.c", "--style", "unrolled"]) == 0
+    for flag, status in (("-mtune=haswell", 0), ("-march=haswell", 1)):
+        flags = [*toolchain.flags, "-std=c99", "-O2", "-ffreestanding", "-fno-stack-protector", flag, "-c"]
+        subprocess.run([*toolchain.compiler.command, *flags, "walker.c", "-o", "walker.o"], check=True)
+        assert main(["prove", str(CHAMPIONS / "walker.pkl"), *GIVEN[1:], "--targets", "x86-64"]) == status
+    assert "beyond the instructions of every x86-64" in capsys.readouterr().out
 
 
 def test_an_object_of_another_machine_and_what_is_none_are_named(

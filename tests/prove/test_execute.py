@@ -38,10 +38,12 @@ def test_what_is_computed_is_returned() -> None:
         (CORTEX_M, "c268 7047", "beyond its data|none of its memory"),  # ldr r2, [r0, #12]; bx lr
         (CORTEX_M, "4268 7047", "before it has written it"),  # ldr r2, [r0, #4]; bx lr
         (CORTEX_M0, "401c 0288 7047", "is no multiple of 2"),  # adds r0, r0, #1; ldrh r2, [r0]; bx lr
-        (CORTEX_M0, "b0f90010 7047", "f9b0 1000, an instruction that ARMv6-M does not have"),  # ldrsh.w r1, [r0]
-        (CORTEX_M0, "4ff00101 7047", "f04f 0101, an instruction that ARMv6-M"),  # mov.w r1, #1
-        (CORTEX_M0, "0021 01b1 7047", "b101, an instruction that ARMv6-M"),  # movs r1, #0; cbz r1, .+4
-        (CORTEX_M0, "8042 08bf c046 7047", "bf08, an instruction that ARMv6-M"),  # cmp r0, r0; it eq; nop
+        (CORTEX_M0, "b0f90010 7047", "b0 f9 00 10, beyond the instructions of ARMv6-M"),  # ldrsh.w r1, [r0]
+        (CORTEX_M0, "4ff00101 7047", "4f f0 01 01, beyond the instructions of ARMv6-M"),  # mov.w r1, #1
+        (CORTEX_M0, "0021 01b1 7047", "01 b1, beyond"),  # movs r1, #0; cbz r1, .+4
+        (CORTEX_M0, "8042 08bf c046 7047", "08 bf, beyond"),  # cmp r0, r0; it eq; nop
+        (AMD64, "c4e278f2c1 c3", "c4 e2 78 f2 c1, beyond the instructions of every x86-64"),  # andn %ecx, %eax, %eax
+        (AMD64, "f30fbcc0 c3", "f3 0f bc c0, beyond"),  # tzcnt %eax, %eax
         (CORTEX_M, "6a46 083a 1260 7047", "bytes below the stack pointer"),  # mov r2, sp; subs r2, #8; str r2, [r2]
         (AMD64, "4889442408 c3", "beyond its stack|none of its memory"),  # movq %rax, 8(%rsp): the caller's
         (CORTEX_M, "0168 0029 00d0 c046 7047", "branches depending on data"),  # ldr r1, [r0]; cmp r1, #0; beq .+2; nop
