@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -79,3 +80,25 @@ def test_the_site_builds_without_a_complaint_and_asks_no_other_host_for_anything
         # The page for what is not there links from the root.
         assert page.name == "404.html" or missing == []
     assert "Encoder" in (tmp_path / "reference" / "api.html").read_text(encoding="utf-8")
+
+
+FOR_DEVELOPERS = {"peers", "fuzz", "docs", "test", "dev"}
+
+
+def test_every_extra_that_a_user_may_want_is_on_the_page_on_installing() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = set(project["optional-dependencies"]) - FOR_DEVELOPERS
+    page = (ROOT / "docs" / "how-to" / "install.md").read_text(encoding="utf-8")
+    assert sorted(extra for extra in extras if f"| `bitneat[{extra}]` |" not in page) == []
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=str)
+def test_an_extra_that_is_installed_stands_in_quotes(page: Path) -> None:
+    """A bare bracket is a pattern to zsh, which then finds no file."""
+    assert not re.findall(r"pip install [^'\"\n]*bitneat\[", page.read_text(encoding="utf-8"))
+
+
+def test_every_package_is_in_the_readmes_table_of_folders() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    packages = sorted(path.parent.name for path in (ROOT / "bitneat").glob("*/__init__.py"))
+    assert [name for name in packages if f"`bitneat/{name}/`" not in readme] == []

@@ -295,7 +295,7 @@ def _versions() -> dict[str, str]:
         import torch  # noqa: F401
     except ImportError as error:
         raise MissingExtraError(
-            f"baseline: {error.name or 'a library'} is not installed; pip install bitneat[baselines]"
+            f"baseline: {error.name or 'a library'} is not installed; pip install 'bitneat[baselines]'"
         ) from None
     return {name: metadata.version(name) for name in _LIBRARIES}
 

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         from bitneat.distill.run import distill
     except ImportError as error:
         raise MissingExtraError(
-            f"distill: {error.name or 'a library'} is not installed; pip install bitneat[baselines]"
+            f"distill: {error.name or 'a library'} is not installed; pip install 'bitneat[baselines]'"
         ) from None
     settings = DistillSettings(tuple(args.hidden), args.planes, args.rounds, updates=args.updates)
     folder: Path = args.output or Path("runs") / f"distill-{args.seed}"

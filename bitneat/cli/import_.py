@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 HELP = "make a champion from a neat-python genome, a stable-baselines3 model or layers in a .npz file"
 DESCRIPTION = """\
 Reads a policy that something else trained and writes it as a champion. Nothing
-in the file is executed. What integers can express becomes a controller; what
-they cannot, a float champion, of which --to or `bitneat quantize` makes a
-controller."""
+in the file is executed. A genome whose weights and biases are integers, and its
+responses powers of two, becomes a controller; every other genome, a model and
+layers, whatever their numbers, a float champion, of which --to or `bitneat
+quantize` makes a controller."""
 EXAMPLE = """\
   bitneat import winner.pkl --config neat.ini --env CartPole-v1 -o champion.pkl
   bitneat import ars.zip --env BipedalWalker-v3 -o float.pkl

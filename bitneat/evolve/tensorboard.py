@@ -37,7 +37,7 @@ class TensorBoardProgress:
             from tensorboardX.proto import event_pb2, summary_pb2
         except ImportError:
             raise MissingExtraError(
-                "--tensorboard: tensorboardX is not installed; pip install bitneat[tensorboard]"
+                "--tensorboard: tensorboardX is not installed; pip install 'bitneat[tensorboard]'"
             ) from None
         self._make_writer, self._events, self._summaries = event_file_writer.EventsWriter, event_pb2, summary_pb2
         self._folder = folder

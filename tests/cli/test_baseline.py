@@ -19,7 +19,7 @@ def test_a_missing_library_is_one_line_and_exit_status_2(
     assert main(["baseline", "ppo", "-o", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert error.endswith("is not installed; pip install bitneat[baselines]\n")
+    assert error.endswith("is not installed; pip install 'bitneat[baselines]'\n")
 
 
 @pytest.mark.parametrize(

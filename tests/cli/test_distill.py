@@ -34,7 +34,7 @@ def test_a_missing_library_is_one_line_and_exit_status_2(
     assert main(["distill", str(teacher), "-o", str(tmp_path / "run")]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert error.endswith("is not installed; pip install bitneat[baselines]\n")
+    assert error.endswith("is not installed; pip install 'bitneat[baselines]'\n")
     assert not (tmp_path / "run").exists()
 
 

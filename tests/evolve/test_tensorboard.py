@@ -158,5 +158,5 @@ def test_without_tensorboardx_it_says_what_to_install_before_anything_is_made(
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
     assert evolve(*new, "-o", "run", "--tensorboard") == 2
     error = capsys.readouterr().err
-    assert error == "bitneat: --tensorboard: tensorboardX is not installed; pip install bitneat[tensorboard]\n"
+    assert error == "bitneat: --tensorboard: tensorboardX is not installed; pip install 'bitneat[tensorboard]'\n"
     assert not Path("run").exists()
