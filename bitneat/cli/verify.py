@@ -114,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
 
     allow_imports(args.imports)
     champion = load(args.champion)
+    if champion.environment is None and not args.hardcore:
+        raise BitneatError(f"{args.champion}: names no environment, so there is no loop to verify it in")
     names = target_names(args.targets)
     settings = Settings(
         episodes=args.episodes,

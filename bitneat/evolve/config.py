@@ -11,7 +11,7 @@ import configparser
 import io
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import resources
 from itertools import pairwise
@@ -295,6 +295,8 @@ class Config:
     """A complete, checked configuration: every key of `SCHEMA` has a value."""
 
     sections: Mapping[str, Mapping[str, Any]]
+    source: str = field(default="configuration", compare=False)
+    """Where it came from, for messages; one of other values keeps it."""
 
     def __getitem__(self, section: str) -> Mapping[str, Any]:
         return self.sections[section]
@@ -303,7 +305,7 @@ class Config:
         """The configuration with other values, which are checked again."""
         merged = {name: dict(entries) for name, entries in self.sections.items()}
         merged[section].update(values)
-        return parse(Config(merged).text, "command line")
+        return replace(parse(Config(merged).text, "command line"), source=self.source)
 
     @cached_property
     def text(self) -> str:
@@ -379,7 +381,7 @@ def parse(text: str, where: str) -> Config:
                 raise ConfigError(f"{where}: [{section}] {key} = {given!s:.80}: {error}") from None
     _check_together(sections, where)
     _refuse_unused(parser, sections, where)
-    return Config(sections)
+    return Config(sections, where)
 
 
 def _refuse_unused(parser: configparser.ConfigParser, sections: Mapping[str, Mapping[str, Any]], where: str) -> None:

@@ -27,7 +27,9 @@ def episode_limit(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo) 
     """
     limits = [limit for limit in (config["evolve"]["max_steps"], info.max_steps) if limit]
     if not limits:
-        raise BitneatError(f"environment {spec.id}: has no time limit; set [evolve] max_steps in the configuration")
+        raise BitneatError(
+            f"environment {spec.id}: has no time limit; set [evolve] max_steps in the configuration ({config.source})"
+        )
     return int(min(limits))
 
 
@@ -52,12 +54,12 @@ def refuse_too_many(config: Config, spec: EnvironmentSpec, info: EnvironmentInfo
     num_hidden = min(genome["max_nodes"], MAX_SIGNALS - info.num_inputs) - info.action.num_outputs
     if num_hidden < 0:
         raise BitneatError(
-            f"configuration: [BitGenome] max_nodes = {genome['max_nodes']}:"
+            f"{config.source}: [BitGenome] max_nodes = {genome['max_nodes']}:"
             f" expected at least {info.action.num_outputs}, the outputs of {spec.id}"
         )
     if genome["num_hidden"] > num_hidden:
         raise BitneatError(
-            f"configuration: [BitGenome] num_hidden = {genome['num_hidden']}: expected at most {num_hidden},"
+            f"{config.source}: [BitGenome] num_hidden = {genome['num_hidden']}: expected at most {num_hidden},"
             f" since {spec.id} has {info.action.num_outputs} outputs and {info.num_inputs} inputs"
             f" and [BitGenome] max_nodes is {genome['max_nodes']}"
         )
@@ -70,20 +72,21 @@ def inputs_of(config: Config, info: EnvironmentInfo) -> tuple[Input, ...]:
         BitneatError: if it has neither one for all nor one for each.
     """
     settings = config["evolve"]
-    scales = _spread(settings["input_scales"], info.num_inputs, "input_scales")
-    limits = _spread(settings["input_limits"], info.num_inputs, "input_limits")
+    scales = _spread(config, "input_scales", info.num_inputs)
+    limits = _spread(config, "input_limits", info.num_inputs)
     inputs = default_inputs(info, settings["frac_bits"], scales)
     if limits is None:
         return inputs
     return tuple(Input(entry.scale, limit) for entry, limit in zip(inputs, limits, strict=True))
 
 
-def _spread(values: tuple[int, ...], count: int, key: str) -> tuple[int, ...] | None:
+def _spread(config: Config, key: str, count: int) -> tuple[int, ...] | None:
     """One value for all inputs, or one for each; None if the configuration leaves them to us."""
+    values: tuple[int, ...] = config["evolve"][key]
     if not values:
         return None
     if len(values) not in (1, count):
-        raise BitneatError(f"configuration: [evolve] {key}: expected 1 or {count} integers, got {len(values)}")
+        raise BitneatError(f"{config.source}: [evolve] {key}: expected 1 or {count} integers, got {len(values)}")
     return values if len(values) == count else values * count
 
 

@@ -337,6 +337,16 @@ def test_bad_input_is_one_line_and_exit_status_2(
     assert not [line for line in errors if "Traceback" in line]
 
 
+def test_a_configuration_that_does_not_fit_the_environment_is_named(
+    tiny: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("scaled.ini").write_text(TINY.replace("[NEAT]", "input_scales = 1 2 3\n[NEAT]"))
+    arguments = ["--env", "CartPole-v1", "--config", "scaled.ini", "--generations", "1", "--workers", "1", "-o", "run"]
+    assert main(["evolve", *arguments]) == 2
+    expected = "bitneat: scaled.ini: [evolve] input_scales: expected 1 or 4 integers, got 3\n"
+    assert capsys.readouterr().err.endswith(expected)
+
+
 def test_an_existing_run_is_not_overwritten(tiny: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [
         "evolve",
