@@ -26,7 +26,7 @@ def add_time(parser: argparse._ActionsContainer) -> None:
         "--time",
         metavar="SECONDS",
         type=_seconds,
-        help="stop after SECONDS; such a run is not reproducible. With --resume, none lifts the limit",
+        help="stop after SECONDS; a run that this cuts short is not reproducible. With --resume, none lifts the limit",
     )
 
 

@@ -39,7 +39,7 @@ def require_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise MissingExtraError("plot: Matplotlib is not installed; pip install bitneat[plot]") from None
+        raise MissingExtraError("plot: Matplotlib is not installed; pip install 'bitneat[plot]'") from None
 
 
 @contextmanager

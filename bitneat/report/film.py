@@ -44,7 +44,7 @@ def require_pillow() -> None:
     try:
         import PIL  # noqa: F401
     except ImportError:
-        raise MissingExtraError("render: Pillow is not installed; pip install bitneat[render]") from None
+        raise MissingExtraError("render: Pillow is not installed; pip install 'bitneat[render]'") from None
 
 
 def require_ffmpeg() -> None:
@@ -56,7 +56,7 @@ def require_ffmpeg() -> None:
     try:
         import imageio_ffmpeg
     except ImportError:
-        raise MissingExtraError("render: imageio-ffmpeg is not installed; pip install bitneat[render]") from None
+        raise MissingExtraError("render: imageio-ffmpeg is not installed; pip install 'bitneat[render]'") from None
     try:
         imageio_ffmpeg.get_ffmpeg_exe()
     except RuntimeError:

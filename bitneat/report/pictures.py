@@ -101,7 +101,7 @@ def _picture(environment: gymnasium.Env[Any, Any], spec: EnvironmentSpec) -> Ima
     try:
         image = np.asarray(environment.render())
     except gymnasium.error.DependencyNotInstalled:
-        raise MissingExtraError("render: pygame is not installed; pip install bitneat[render]") from None
+        raise MissingExtraError("render: pygame is not installed; pip install 'bitneat[render]'") from None
     except Exception as error:  # the environment is foreign code
         raise BitneatError(f"environment {spec.id}: cannot be drawn: {type(error).__name__}: {error}") from None
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:

@@ -57,7 +57,7 @@ def test_without_matplotlib_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["plot", "activations", "-o", str(tmp_path / "a.svg")]) == 2
-    assert capsys.readouterr().err == "bitneat: plot: Matplotlib is not installed; pip install bitneat[plot]\n"
+    assert capsys.readouterr().err == "bitneat: plot: Matplotlib is not installed; pip install 'bitneat[plot]'\n"
 
 
 def test_a_folder_that_is_not_there_is_an_error_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

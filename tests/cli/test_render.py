@@ -202,7 +202,7 @@ def test_a_missing_package_is_named_before_the_episode(
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     assert main(["render", "-o", film]) == 2
-    assert capsys.readouterr().err == f"bitneat: render: {name} is not installed; pip install bitneat[render]\n"
+    assert capsys.readouterr().err == f"bitneat: render: {name} is not installed; pip install 'bitneat[render]'\n"
 
 
 def test_without_pygame_it_says_what_to_install(
@@ -210,4 +210,4 @@ def test_without_pygame_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     assert main(["render", "-o", "a.gif"]) == 2
-    assert capsys.readouterr().err == "bitneat: render: pygame is not installed; pip install bitneat[render]\n"
+    assert capsys.readouterr().err == "bitneat: render: pygame is not installed; pip install 'bitneat[render]'\n"
