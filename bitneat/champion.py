@@ -177,13 +177,17 @@ def environment_from_data(data: object) -> EnvironmentSpec:
     return EnvironmentSpec(data["id"], dict(data["kwargs"]), tuple(imports))
 
 
-def load(path: str | Path) -> Champion:
+def load(path: str | Path, *, regular: bool = False) -> Champion:
     """Read ``champion.pkl`` or ``champion.json``; which of them it is, the content tells.
+
+    Args:
+        path: of a file, or a pipe that the user named.
+        regular: as of `bitneat.files.read_capped`, for a file in a stranger's folder.
 
     Raises:
         BitneatError: in one line that names the file and what is wrong. Nothing in the file is ever executed.
     """
-    content = read_capped(path, MAX_FILE_BYTES)
+    content = read_capped(path, MAX_FILE_BYTES, regular=regular)
     try:
         return loads(content)
     except BitneatError as error:

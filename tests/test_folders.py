@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from bitneat.baselines import checkpoint, load_result, train
+from bitneat.champion import load
 from bitneat.cli.main import main
 from bitneat.cli.reproduce import _is_claimed
 from bitneat.distill.folder import at_work
@@ -20,6 +21,7 @@ from bitneat.evolve.run import RunFolder, RunSettings
 from bitneat.files import sole_user
 from bitneat.folders import BASELINE, DISTILL, EVOLVE, KINDS, LINEAR, POLISH, REPRODUCE, Kind, begun
 from bitneat.sim.environment import EpisodeResult
+from bitneat.verify.cfile import find
 from tests.faults.scenarios import CONFIGURATION, TINY, MadeUp
 from tests.faults.warm import tree
 
@@ -248,6 +250,20 @@ def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(tmp_path: Path, name: s
     os.mkfifo(tmp_path / name)
     with pytest.raises(BitneatError, match=rf"{name}: cannot read: not a regular file"):
         READERS[name](tmp_path)
+
+
+@pytest.mark.usefixtures("in_time")
+def test_pipes_beside_a_champion_are_not_waited_for_while_its_c_is_sought(tmp_path: Path) -> None:
+    champion = load(TINY)
+    assert main(["codegen", "tiny.pkl", "-o", "other.c"]) == 0
+    sha256 = champion.controller.sha256
+    Path("other.c").write_text(Path("other.c").read_text().replace(sha256, sha256[::-1]))
+    for name in ("a.c", "a.pkl", "a.json"):
+        os.mkfifo(name)
+    found = find(champion, Path("t.json"), [tmp_path])
+    assert found.matching == ()
+    assert found.stale is not None
+    assert found.stale.path == Path("other.c")
 
 
 @pytest.mark.usefixtures("in_time")

@@ -130,7 +130,7 @@ def _kind(path: Path) -> str:
     from bitneat.policy.layers import PolicyError
     from bitneat.policy.stable_baselines import POLICY_MEMBER
 
-    content = read_capped(path, MAX_FILE_BYTES)
+    content = read_capped(path, MAX_FILE_BYTES, regular=True)  # it is read again, which a pipe cannot be
     if not content.startswith(b"PK"):
         other = _no_genome(content)
         if other is not None:

@@ -111,7 +111,7 @@ def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
     from bitneat.verify.targets import select
 
     folder = args.champion if args.champion.is_dir() else None
-    champion = load(args.champion / "champion.pkl" if folder is not None else args.champion)
+    champion = load(args.champion) if folder is None else load(folder / "champion.pkl", regular=True)
     history = None if folder is None else read_history(folder)
     others = [(path.stem, load(path)) for path in args.compare]
     proof = None if args.prove is None else _verdict(args.prove, "prove", champion)

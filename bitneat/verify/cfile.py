@@ -186,7 +186,8 @@ class CFile:
 
 
 def _read(path: Path) -> str:
-    return read_capped(path, MAX_FILE_BYTES).decode("utf-8", "surrogateescape")
+    # Two files that name each other are no pipes, and any folder is looked through for them.
+    return read_capped(path, MAX_FILE_BYTES, regular=True).decode("utf-8", "surrogateescape")
 
 
 def require_related(code: CFile, champion: Champion, path: Path) -> None:
@@ -277,7 +278,7 @@ def _is_another_champions(code: CFile, path: Path) -> bool:
         if other == path.resolve():
             continue
         try:
-            if load_champion(other).controller.sha256 == code.sha256:
+            if load_champion(other, regular=True).controller.sha256 == code.sha256:
                 return True
         except BitneatError:
             continue

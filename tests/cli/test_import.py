@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -104,3 +105,9 @@ def test_a_file_that_is_no_genome_is_said_to_be_what_it_is(
     (tmp_path / "f").write_bytes(content)
     assert main(["import", str(tmp_path / "f"), "-o", str(tmp_path / "out.pkl")]) == 2
     assert f"{tmp_path / 'f'}: {message}" in capsys.readouterr().err
+
+
+def test_a_pipe_is_refused_since_it_could_not_be_read_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / "f")
+    assert main(["import", str(tmp_path / "f"), "-o", str(tmp_path / "out.pkl")]) == 2
+    assert f"{tmp_path / 'f'}: cannot read: not a regular file" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import json
+import os
 import random
 from dataclasses import replace
 from pathlib import Path
@@ -149,3 +150,15 @@ def test_a_controller_that_reaches_no_output_is_bad_input(tmp_path: Path, capsys
     save_pickle(replace(whose, controller=replace(whose.controller, outputs=(Constant(0),))), tmp_path / "c.pkl")
     assert main(["size", str(tmp_path / "c.pkl")]) == 2
     assert "no path from any input to an output" in capsys.readouterr().err
+
+
+def test_a_champion_may_come_through_a_pipe(capfd: pytest.CaptureFixture[str]) -> None:
+    content = (Path(__file__).parents[2] / "examples" / "champions" / "tiny.json").read_bytes()
+    reading, writing = os.pipe()
+    os.write(writing, content)
+    os.close(writing)
+    try:
+        assert main(["size", f"/dev/fd/{reading}"]) == 0
+    finally:
+        os.close(reading)
+    assert capfd.readouterr().out.startswith("controller ")

@@ -250,6 +250,22 @@ def test_a_report_does_not_wait_for_or_choke_on_a_strangers_run(
         assert content in (b"\x00", b'"')  # a table with one column of a strange name
 
 
+def test_a_report_does_not_wait_for_a_pipe_in_a_run(folder: Path) -> None:
+    (folder / "run").mkdir()
+    os.mkfifo(folder / "run" / "champion.pkl")
+    ended = confined(["report", "run", "-o", "out.html"], folder)
+    assert ended.status == 2
+    assert ended.errors == "bitneat: run/champion.pkl: cannot read: not a regular file\n"
+
+
+def test_generated_c_is_no_pipe(folder: Path) -> None:
+    (folder / "run").mkdir()
+    os.mkfifo(folder / "run" / "a.c")
+    ended = confined(["verify", str(TINY), "--c", "run/a.c"], folder)
+    assert ended.status == 2
+    assert ended.errors.endswith("a.c: cannot read: not a regular file\n")
+
+
 def test_a_figure_does_not_wait_for_a_pipe(folder: Path) -> None:
     (folder / "run").mkdir()
     os.mkfifo(folder / "run" / "champion.pkl")
