@@ -261,7 +261,7 @@ def test_a_missing_library_is_one_line_that_says_what_to_install(
     missing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    with pytest.raises(BitneatError, match=r"not installed; pip install bitneat\[baselines\]$"):
+    with pytest.raises(BitneatError, match=r"not installed; pip install 'bitneat\[baselines\]'$"):
         small("ars", tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
