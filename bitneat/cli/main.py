@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = _fail("out of memory", BAD_INPUT)
     except Exception as error:  # status 1, which Python would exit with, says that a check has failed
         status = _fail_by_our_fault(error)
-    _settle_stdout()
+    _settle_streams()
     return status
 
 
@@ -404,9 +404,10 @@ _PLAIN = {"±": "+-", "…": "...", "–": "-", "−": "-", "×": "x", "→": "-
 codecs.register_error(_ERRORS, _plain)
 
 
-def _settle_stdout() -> None:
-    """Keep the interpreter's own flush at exit from failing, loudly, where ours has failed already."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _settle_streams() -> None:
+    """Keep the interpreter's own flush at exit, which would change the status, from failing where ours has failed already."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -300,10 +300,12 @@ def test_streams_that_are_closed_change_no_status(
 ) -> None:
     line = f"exec {sys.executable} -m bitneat {redirected}"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        ["sh", "-c", line], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (status, out, err)
+    for unbuffered in ("", "1"):
+        environment["PYTHONUNBUFFERED"] = unbuffered
+        done = subprocess.run(
+            ["sh", "-c", line], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (status, out, err), unbuffered
 
 
 def test_what_the_output_s_encoding_lacks_is_written_otherwise() -> None:
@@ -343,7 +345,7 @@ def test_a_result_that_cannot_be_written_is_noticed_before_the_work(
 
 @pytest.mark.parametrize(
     "command",
-    ["codegen nothing.pkl -o no/x.c", "render nothing.pkl -o no/x.png", "plot network nothing.pkl -o no/x.svg"],
+    ["render nothing.pkl -o no/x.png", "plot network nothing.pkl -o no/x.svg"],
 )
 def test_a_folder_that_is_missing_is_noticed_before_the_champion_is_read(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -173,8 +173,8 @@ def test_an_object_of_another_machine_and_what_is_none_are_named(
     ("arguments", "message"),
     [
         (["--targets", "avr"], "--targets: avr is none of"),
-        (["--targets", ""], "--targets: names no target, expected some of x86-64, cortex-m0, cortex-m3, cortex-m4"),
-        (["--targets", " , "], "--targets: names no target"),
+        (["--targets", ""], "argument --targets: expected a value, got an empty one"),
+        (["--targets", " , "], "--targets: names no target, expected some of x86-64, cortex-m0, cortex-m3, cortex-m4"),
         (["--optimize", "9"], "--optimize: '9' is none of"),
         (["--object", "walker.o"], "name the one target"),
         (["--object", "none.o", "--targets", "cortex-m0"], "none.o"),
