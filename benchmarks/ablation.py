@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import statistics
 import sys
 import time
@@ -205,27 +206,30 @@ def walks(policy: Policy, evaluator: Evaluator) -> Walks:
 
 
 def table(results: Mapping[str, Result], scores: Mapping[str, Walks]) -> str:
-    """A row for each variant that has a result, the best median first. Differences are to the preset's run with the same seed."""
+    """A row for each variant that has a result. Differences are to the preset's run with the same seed; the largest is first."""
     runs = {
         name: {result.seed: result for result in results.values() if result.system == name and result.job in scores}
         for name in VARIANTS
     }
     means = {name: {seed: scores[run.job].mean for seed, run in found.items()} for name, found in runs.items()}
-    medians = {name: statistics.median(found.values()) for name, found in means.items() if found}
+    gains = {
+        name: [mean - means["all"][seed] for seed, mean in found.items() if seed in means["all"]]
+        for name, found in means.items()
+        if found
+    }
+    median_gains = {name: statistics.median(found) if found else -math.inf for name, found in gains.items()}
     lines = [
-        "| variant | what is changed | mean, median of the runs | each seed | to the preset with the same seed, median"
+        "| variant | what is changed | mean reward | more than the preset with the same seed, median"
         " | falls in 100 walks | generations of NEAT | 300 on the selection seeds after | packed bytes |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    for name in sorted(medians, key=lambda name: -medians[name]):
+    for name in sorted(gains, key=lambda name: -median_gains[name]):
         found = [runs[name].get(seed) for seed in SEEDS]
-        common = [mean - means["all"][seed] for seed, mean in means[name].items() if seed in means["all"]]
-        difference = f"{statistics.median(common):+.1f}" if common and name != "all" else ""
+        difference = f"{median_gains[name]:+.1f}" if gains[name] and name != "all" else ""
         size = statistics.median(run.packed_bytes or 0 for run in found if run is not None)
         cells = (
             f"`{name}`",
             VARIANTS[name][0],
-            f"{medians[name]:.1f}",
             _each(found, lambda run: f"{scores[run.job].mean:.1f}"),
             difference,
             _each(found, lambda run: f"{100 * scores[run.job].falls / scores[run.job].episodes:.1f}"),
