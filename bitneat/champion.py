@@ -177,16 +177,21 @@ def environment_from_data(data: object) -> EnvironmentSpec:
     return EnvironmentSpec(data["id"], dict(data["kwargs"]), tuple(imports))
 
 
-def load(path: str | Path, *, regular: bool = False) -> Champion:
-    """Read ``champion.pkl`` or ``champion.json``; which of them it is, the content tells.
-
-    Args:
-        path: of a file, or a pipe that the user named.
-        regular: as of `bitneat.files.read_capped`, for a file in a stranger's folder.
+def load(path: str | Path) -> Champion:
+    """Read ``champion.pkl`` or ``champion.json``, or a pipe; which of them it is, the content tells.
 
     Raises:
         BitneatError: in one line that names the file and what is wrong. Nothing in the file is ever executed.
     """
+    return _load(path, regular=False)
+
+
+def load_found(path: Path) -> Champion:
+    """As `load`, of a file that a folder holds and nobody named: a pipe there is refused, which would be waited for."""
+    return _load(path, regular=True)
+
+
+def _load(path: str | Path, *, regular: bool) -> Champion:
     content = read_capped(path, MAX_FILE_BYTES, regular=regular)
     try:
         return loads(content)

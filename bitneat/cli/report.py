@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
-    from bitneat.champion import load
+    from bitneat.champion import load, load_found
     from bitneat.report.page import Sources
     from bitneat.report.page.history import read_history
     from bitneat.report.page.recording import record
@@ -111,7 +111,7 @@ def _sources(args: argparse.Namespace, progress: _Progress) -> Sources:
     from bitneat.verify.targets import select
 
     folder = args.champion if args.champion.is_dir() else None
-    champion = load(args.champion) if folder is None else load(folder / "champion.pkl", regular=True)
+    champion = load(args.champion) if folder is None else load_found(folder / "champion.pkl")
     history = None if folder is None else read_history(folder)
     others = [(path.stem, load(path)) for path in args.compare]
     proof = None if args.prove is None else _verdict(args.prove, "prove", champion)

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from bitneat.champion import Champion
-from bitneat.champion import load as load_champion
+from bitneat.champion import Champion, load_found
 from bitneat.codegen import STYLES, CNameError, GeneratedC, Style, check_name, generate
 from bitneat.codegen.names import check_file_stem
 from bitneat.controller.packing import ENCODINGS
@@ -278,7 +277,7 @@ def _is_another_champions(code: CFile, path: Path) -> bool:
         if other == path.resolve():
             continue
         try:
-            if load_champion(other, regular=True).controller.sha256 == code.sha256:
+            if load_found(other).controller.sha256 == code.sha256:
                 return True
         except BitneatError:
             continue
