@@ -27,12 +27,12 @@ import re
 import signal
 import sys
 import textwrap
-import threading
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol, cast
 
+from bitneat.cli.interrupts import TerminatedError, interrupts_arrive
 from bitneat.errors import BitneatError, printable
 from bitneat.version import __version__
 
@@ -154,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit status; whatever happens is at most one line, and a traceback only if asked for."""
     _ready_streams()
     try:
-        with _sigterm_interrupts():
+        with interrupts_arrive():
             status = _run(sys.argv[1:] if argv is None else list(argv))
             _flush_stdout()
     except BitneatError as error:
@@ -173,29 +173,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         status = _fail_by_our_fault(error)
     _settle_streams()
     return status
-
-
-class TerminatedError(KeyboardInterrupt):
-    """SIGTERM, which ends a command as Ctrl-C does: children ended, checkpoints kept, the terminal as it was."""
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """SIGTERM raises `TerminatedError` meanwhile, unless whoever runs this has other plans for it."""
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield
-        return
-
-    def stop(number: int, frame: object) -> NoReturn:
-        del number, frame
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the second one ends what the first could not
-        raise TerminatedError
-
-    signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def load(name: str) -> Command:

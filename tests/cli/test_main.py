@@ -102,6 +102,43 @@ def test_sigterm_ends_a_command_in_one_line_and_goes_back_to_what_it_was(
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_that_comes_in_a_destructor_is_not_lost(
+    number: int, status: int, command: Callable[[Callable[[], int]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Body:
+        """As the simulator has them."""
+
+        def __del__(self) -> None:
+            os.kill(os.getpid(), number)
+            time.sleep(1)  # which the interrupt ends, and Python ignores that
+
+    def simulate() -> int:
+        Body()
+        time.sleep(10)
+        return 0
+
+    before = sys.unraisablehook, signal.getsignal(signal.SIGTERM)
+    command(simulate)
+    assert main(["work"]) == status
+    assert capsys.readouterr() == ("", f"bitneat: {'interrupted' if number == signal.SIGINT else 'terminated'}\n")
+    assert (sys.unraisablehook, signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_other_faults_of_destructors_are_told_as_before(
+    command: Callable[[Callable[[], int]], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Body:
+        def __del__(self) -> None:
+            raise ValueError("odd")
+
+    told: list[str] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: told.append(str(lost.exc_value)))
+    command(lambda: Body() and 0)
+    assert main(["work"]) == 0
+    assert told == ["odd"]
+
+
 def test_whoever_has_plans_for_sigterm_keeps_them(command: Callable[[Callable[[], int]], None]) -> None:
     seen: list[int] = []
     before = signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
