@@ -10,6 +10,7 @@ import pytest
 
 from bitneat import champion as champions
 from bitneat.cli.main import main
+from tests.cli.interrupts import check_interrupted
 
 
 def test_walkers_end_the_same_whatever_runs_them_and_however_often_they_stop(
@@ -105,25 +106,6 @@ def test_the_modules_of_a_resumed_run_are_its_own(
 
 @pytest.mark.parametrize("generations", [0, 1])
 def test_an_interrupt_says_how_to_go_on_or_that_nothing_is_kept_though_a_second_one_comes_while_it_closes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], generations: int
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], generations: int
 ) -> None:
-    from bitneat.evolve.evaluation import GymnasiumEvaluator
-
-    def interrupt(self: object, *arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    run = tmp_path / "run"
-    start = ["linear", "--env", "CartPole-v1", "--pop", "4", "--workers", "1"]
-    if generations:
-        assert main([*start, "--generations", "1", "-o", str(run)]) == 0
-        expected = f"stopped; continue with: bitneat linear --resume {run}"
-        start = ["linear", "--resume", str(run), "--workers", "1"]
-    else:
-        expected = "stopped before the first generation was complete; nothing is kept: the same command begins again"
-        start = [*start, "-o", str(run)]
-    with monkeypatch.context() as patch:
-        patch.setattr(GymnasiumEvaluator, "evaluate", interrupt)
-        patch.setattr(GymnasiumEvaluator, "close", interrupt)
-        assert main([*start, "--generations", "2"]) == 130
-    assert capsys.readouterr().err.splitlines()[-1] == f"bitneat: {expected}"
-    assert main([*start, "--generations", "1"]) == 0
+    check_interrupted("linear", ["--env", "CartPole-v1", "--pop", "4"], tmp_path / "run", generations, capsys)

@@ -13,6 +13,7 @@ from bitneat import champion as champions
 from bitneat.cli.main import main
 from bitneat.controller import DiscreteAction
 from bitneat.files import sole_user
+from tests.cli.interrupts import check_interrupted
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "champions" / "acrobot.json"
 
@@ -89,25 +90,6 @@ def test_a_champion_for_another_action_space_is_refused_before_a_run_is_begun(
 
 @pytest.mark.parametrize("generations", [0, 1])
 def test_an_interrupt_says_how_to_go_on_or_that_nothing_is_kept_though_a_second_one_comes_while_it_closes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], generations: int
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], generations: int
 ) -> None:
-    from bitneat.evolve.evaluation import GymnasiumEvaluator
-
-    def interrupt(self: object, *arguments: object) -> None:
-        raise KeyboardInterrupt
-
-    run = tmp_path / "run"
-    start = ["polish", str(EXAMPLE), "--workers", "1"]
-    if generations:
-        assert main([*start, "--generations", "1", "-o", str(run)]) == 0
-        expected = f"stopped; continue with: bitneat polish --resume {run}"
-        start = ["polish", "--resume", str(run), "--workers", "1"]
-    else:
-        expected = "stopped before the first generation was complete; nothing is kept: the same command begins again"
-        start = [*start, "-o", str(run)]
-    with monkeypatch.context() as patch:
-        patch.setattr(GymnasiumEvaluator, "evaluate", interrupt)
-        patch.setattr(GymnasiumEvaluator, "close", interrupt)
-        assert main([*start, "--generations", "2"]) == 130
-    assert capsys.readouterr().err.splitlines()[-1] == f"bitneat: {expected}"
-    assert main([*start, "--generations", "1"]) == 0
+    check_interrupted("polish", [str(EXAMPLE)], tmp_path / "run", generations, capsys)
