@@ -30,7 +30,7 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.config import load, parse
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import report_seeds
-from bitneat.evolve.run import RunSettings
+from bitneat.evolve.run_folder import RunSettings
 from bitneat.evolve.search import Score
 from bitneat.files import write_atomic, write_json
 from bitneat.network import Policy

@@ -17,7 +17,8 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config, parse
 from bitneat.evolve.evaluation import Evaluator
-from bitneat.evolve.run import RunFolder, RunSettings, searching
+from bitneat.evolve.run import searching
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.evolve.search import Search
 from bitneat.files import read_capped, write_atomic
 from bitneat.sim.environment import inspect

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from bitneat.evolve.config import Config
     from bitneat.evolve.evaluation import Evaluator
     from bitneat.evolve.progress import Progress
-    from bitneat.evolve.run import RunFolder, RunSettings
+    from bitneat.evolve.run_folder import RunFolder, RunSettings
     from bitneat.evolve.search import Score
     from bitneat.sim.environment import EpisodeResult
     from bitneat.verify.check import Report
@@ -145,7 +145,7 @@ def evolve(
     from bitneat.evolve.config import Config, preset_for
     from bitneat.evolve.config import load as load_config
     from bitneat.evolve.randomness import MAX_SEED
-    from bitneat.evolve.run import RunFolder, RunSettings
+    from bitneat.evolve.run_folder import RunFolder, RunSettings
     from bitneat.evolve.starting import starting_point
     from bitneat.sim.environment import inspect
     from bitneat.sim.walker.trigonometry import probe_for
@@ -192,7 +192,7 @@ def resume(
     Raises:
         BitneatError: if the folder holds no run, or a damaged one.
     """
-    from bitneat.evolve.run import RunFolder
+    from bitneat.evolve.run_folder import RunFolder
     from bitneat.sim.walker.trigonometry import refuse_other
 
     runs = RunFolder(Path(folder), _warn)

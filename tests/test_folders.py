@@ -17,7 +17,7 @@ from bitneat.cli.main import main
 from bitneat.cli.reproduce import _is_claimed
 from bitneat.distill.folder import at_work
 from bitneat.errors import BitneatError
-from bitneat.evolve.run import RunFolder, RunSettings
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.files import sole_user
 from bitneat.folders import BASELINE, DISTILL, EVOLVE, KINDS, LINEAR, POLISH, REPRODUCE, Kind, begun
 from bitneat.sim.environment import EpisodeResult

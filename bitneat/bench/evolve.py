@@ -17,7 +17,7 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Action, Controller, Encoder
 from bitneat.evolve.config import load, preset_for
 from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalkerEvaluator
-from bitneat.evolve.run import RunFolder, RunSettings
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.evolve.search import Search
 from bitneat.network import Policy
 from bitneat.runtime import RuntimeController

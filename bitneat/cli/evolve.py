@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from bitneat.evolve.evaluation import Evaluator
     from bitneat.evolve.progress import Progress
     from bitneat.evolve.recheck import Recheck
-    from bitneat.evolve.run import Outcome, RunFolder, RunSettings
+    from bitneat.evolve.run import Outcome
+    from bitneat.evolve.run_folder import RunFolder, RunSettings
     from bitneat.sim.environment import EnvironmentInfo
 
 HELP = "evolve a ternary controller in a Gymnasium environment"
@@ -109,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Evolve, and leave the champion in the run folder, and in the current one if no folder was named."""
-    from bitneat.evolve.run import RunFolder
+    from bitneat.evolve.run_folder import RunFolder
     from bitneat.files import require_writable
     from bitneat.sim.environment import allow_imports
 
@@ -264,7 +265,7 @@ def _tell_of_linear_start_alone(config: Config) -> None:
 def _new_settings(args: argparse.Namespace) -> RunSettings:
     from bitneat.champion import EnvironmentSpec
     from bitneat.evolve.config import load, preset_for
-    from bitneat.evolve.run import RunSettings
+    from bitneat.evolve.run_folder import RunSettings
     from bitneat.sim.walker.trigonometry import probe_for
 
     spec = EnvironmentSpec(
@@ -288,7 +289,7 @@ def _resumed_settings(args: argparse.Namespace, folder: RunFolder) -> RunSetting
     from dataclasses import replace
 
     from bitneat.evolve.config import load
-    from bitneat.evolve.run import Stage
+    from bitneat.evolve.run_folder import Stage
     from bitneat.sim.walker.trigonometry import refuse_other
 
     settings = folder.settings()

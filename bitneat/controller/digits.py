@@ -24,3 +24,8 @@ def signed_powers(value: int) -> list[tuple[int, int]]:
         value >>= 1
         power += 1
     return digits
+
+
+def halved(value: int) -> int:
+    """Half an integer, toward zero: what is left of a weight at half the resolution."""
+    return value // 2 if value >= 0 else -(-value // 2)

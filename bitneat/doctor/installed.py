@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import re
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, requires
 
 from bitneat.doctor.finding import Finding
+from bitneat.version import installed_version
 
 _REQUIREMENT = re.compile(r"([A-Za-z0-9._-]+)(?:\[[^]]*\])?[^;]*(?:;.*extra == ['\"]([^'\"]+)['\"])?")
 _OURS = ("test", "dev")
@@ -67,11 +68,3 @@ def _requirements() -> dict[str, list[str]]:
         if match and match[1] != "bitneat":
             named.setdefault(match[2] or "", []).append(match[1])
     return named
-
-
-def installed_version(name: str) -> str | None:
-    """The version of a distribution; None if it is not installed."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None

@@ -7,12 +7,12 @@ import shutil
 import subprocess
 
 from bitneat.doctor.finding import Finding
-from bitneat.doctor.installed import installed_version
 from bitneat.errors import BitneatError
 from bitneat.native.compiler import host_compiler, identify, zig_compiler
 from bitneat.verify.targets import TARGETS
 from bitneat.verify.targets.chip import Chip
 from bitneat.verify.targets.simavr_emulator import SimavrEmulator
+from bitneat.version import installed_version
 
 
 def compilers() -> list[Finding]:

@@ -21,7 +21,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import metadata
 from itertools import islice
 from types import FrameType
 from typing import Any
@@ -33,7 +32,7 @@ from bitneat.evolve.evaluation import Evaluator, GymnasiumEvaluator, NativeWalke
 from bitneat.network import Policy
 from bitneat.sim.environment import EpisodeResult, Shaping, allow_imports, allowed_imports
 from bitneat.sim.walker.trigonometry import probe, refuse_other
-from bitneat.version import __version__
+from bitneat.version import __version__, installed_version
 
 TASKS_A_CORE = 4
 """So many tasks for each core in a call, so that cores which are done early find more to do."""
@@ -319,10 +318,9 @@ def _versions() -> dict[str, str]:
     """Of the packages that are installed here, of those that decide how an episode goes."""
     found = {}
     for name, distributions in _PACKAGES.items():
-        for distribution in distributions:
-            with contextlib.suppress(metadata.PackageNotFoundError):
-                found[name] = metadata.version(distribution)
-                break
+        installed = filter(None, map(installed_version, distributions))
+        if (first := next(installed, None)) is not None:
+            found[name] = first
     return found
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
-from bitneat.controller.digits import signed_powers
+from bitneat.controller.digits import halved, signed_powers
 from bitneat.controller.ir import ACCUMULATOR_MAX, GAIN_RANGE
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import Evaluator
@@ -144,7 +144,7 @@ class LinearSearch:
             *numbers, constant = (int(weight) for weight in row)
             links = _shifts(numbers)
             while self._total(links) + (abs(constant) << self.frac_bits) > ACCUMULATOR_MAX:
-                numbers, constant = [int(weight / 2) for weight in numbers], int(constant / 2)
+                numbers, constant = [halved(weight) for weight in numbers], halved(constant)
                 links = _shifts(numbers)
             nodes.append(Node(tuple(sorted(links)), constant << self.frac_bits, -resolution, "clamped"))
         first = len(self.inputs)

@@ -7,11 +7,12 @@ from collections.abc import Iterable
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.activation import ACTIVATION_NAMES, output_limit
-from bitneat.controller.digits import signed_powers
+from bitneat.controller.digits import halved, signed_powers
 from bitneat.controller.ir import ACCUMULATOR_MAX, GAIN_RANGE, Constant
 from bitneat.controller.reference import node_value
 from bitneat.errors import BitneatError
-from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
+from bitneat.evolve.genes import BitConnectionGene, BitNodeGene
+from bitneat.evolve.genome import BitGenome, BitGenomeConfig
 from bitneat.evolve.ordering import evaluation_order, signal_numbers
 from bitneat.evolve.plain import PlainGenome, wiring
 from bitneat.network import FloatNetwork, FloatNode, Policy
@@ -196,8 +197,8 @@ def lower_integer(genome: PlainGenome, inputs: tuple[Input, ...], num_outputs: i
         bias = int(gene.bias) << frac_bits
         weights = {link.key[0]: link.weight for link in found.links[key] if link.key[0] in number}
         while abs(bias) + sum(_total(weight, reach[source]) for source, weight in weights.items()) > ACCUMULATOR_MAX:
-            bias = _half(bias)
-            weights = {source: _half(weight) for source, weight in weights.items()}
+            bias = halved(bias)
+            weights = {source: halved(weight) for source, weight in weights.items()}
         links = [
             Link(number[source], 0, power, sign)
             for source, weight in weights.items()
@@ -222,7 +223,7 @@ def with_shared_weight(controller: Controller, units: int, resolution: int) -> C
             if gain > 0:
                 gain -= 1
             else:
-                here = _half(here)
+                here = halved(here)
                 gain += gain < 0  # twice the gain for half the weight
         links = [
             Link(link.source, link.delay, power, sign) for link in node.links for power, sign in signed_powers(here)
@@ -241,11 +242,6 @@ def _reach(inputs: tuple[Input, ...], activations: Iterable[tuple[int, str]], fr
 def _total(weight: int, reach: int) -> int:
     """What the shifted links that make a weight can add to the magnitude of a sum: the signed digits do not cancel there."""
     return sum(reach << power for power, _ in signed_powers(weight))
-
-
-def _half(value: int) -> int:
-    """Half an integer, toward zero."""
-    return value // 2 if value >= 0 else -(-value // 2)
 
 
 def has_path(controller: Policy) -> bool:

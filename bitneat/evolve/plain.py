@@ -19,7 +19,7 @@ from neat.genome import DefaultGenome, DefaultGenomeConfig
 from bitneat.controller import ACTIVATION_NAMES
 from bitneat.controller.ir import MAX_SIGNALS
 from bitneat.errors import BitneatError
-from bitneat.evolve.genome import Indexer
+from bitneat.evolve.indexer import Indexer
 from bitneat.network import MAX_NODES
 
 WEIGHTS = ("float", "integer", "ternary")

@@ -17,7 +17,7 @@ from neat.species import DefaultSpeciesSet, Species
 from neat.stagnation import DefaultStagnation
 
 from bitneat.errors import BitneatError
-from bitneat.evolve.genome import Indexer
+from bitneat.evolve.indexer import Indexer
 
 
 class PlainSpeciesSet(DefaultSpeciesSet):  # type: ignore[misc]

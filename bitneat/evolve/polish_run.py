@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A polishing run on disk: one checkpoint, the champion, a history, and the front of reward against size.
 
-As in `bitneat.evolve.run`, every file is written whole or not at all, and the result depends on what was asked for alone,
+As in `bitneat.evolve.run_folder`, every file is written whole or not at all, and the result depends on what was asked for alone,
 however often the run was stopped.
 """
 
@@ -58,7 +58,7 @@ class PolishSettings:
     max_steps: int
     seconds: float | None = None
     trigonometry: str | None = None
-    """As in `bitneat.evolve.run.RunSettings`."""
+    """As in `bitneat.evolve.run_folder.RunSettings`."""
 
     def to_data(self) -> dict[str, Any]:
         """As plain data."""

@@ -16,7 +16,8 @@ from neat.innovation import InnovationTracker
 from neat.reproduction import DefaultReproduction
 from neat.species import DefaultSpeciesSet, GenomeDistanceCache, Species
 
-from bitneat.evolve.genome import BitGenome, Indexer, same_network
+from bitneat.evolve.genome import BitGenome, same_network
+from bitneat.evolve.indexer import Indexer
 
 
 class Settings:

@@ -17,7 +17,7 @@ from bitneat.controller import Constant, Controller
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import Config
 from bitneat.evolve.evaluation import Evaluator
-from bitneat.evolve.genome import Indexer
+from bitneat.evolve.indexer import Indexer
 from bitneat.evolve.kinds import kind_for
 from bitneat.evolve.linear import LinearSearch
 from bitneat.evolve.lowering import genome_from_controller
@@ -45,7 +45,11 @@ class Score:
     @classmethod
     def of(cls, episodes: Sequence[EpisodeResult]) -> Score:
         """The score of episodes that ran without shaping."""
-        rewards = [episode.reward for episode in episodes]
+        return cls.over([episode.reward for episode in episodes])
+
+    @classmethod
+    def over(cls, rewards: Sequence[float]) -> Score:
+        """The score of official rewards."""
         return cls(len(rewards), statistics.fmean(rewards), statistics.pstdev(rewards), min(rewards), max(rewards))
 
     def to_data(self) -> dict[str, Any]:

@@ -154,7 +154,7 @@ def _name(label: str, runs: Sequence[History], curve: str, alone: bool, several_
 
 def _environment(folder: Path) -> EnvironmentSpec | None:
     """What the run folder says, if it is one; whatever else may be in there is not complained of for a line in a figure."""
-    from bitneat.evolve.run import RunFolder
+    from bitneat.evolve.run_folder import RunFolder
 
     try:
         return RunFolder(folder).settings().environment

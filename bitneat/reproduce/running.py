@@ -18,7 +18,8 @@ from bitneat.evolve.config import load as load_config
 from bitneat.evolve.evaluation import Evaluator, NativeWalkerEvaluator
 from bitneat.evolve.randomness import report_seeds
 from bitneat.evolve.recheck import Recheck
-from bitneat.evolve.run import RunFolder, RunSettings, carry_on
+from bitneat.evolve.run import carry_on
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.evolve.search import Candidate, Generation, Score, Search
 from bitneat.files import read_capped, write_atomic
 from bitneat.network import FloatNetwork, Policy

@@ -11,7 +11,8 @@ from benchmarks.linear_start import LinearStart, linear_start
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import load
 from bitneat.evolve.evaluation import NativeWalkerEvaluator
-from bitneat.evolve.run import RunFolder, RunSettings, carry_on
+from bitneat.evolve.run import carry_on
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.reproduce.running import WALKER, _Growth
 from bitneat.sim.environment import inspect
 

@@ -24,7 +24,7 @@ from bitneat.evolve.linear import LinearSearch
 from bitneat.evolve.lowering import genome_from_controller, lower
 from bitneat.evolve.plain_reproduction import SoftmaxReproduction
 from bitneat.evolve.reproduction import Settings
-from bitneat.evolve.run import RunFolder, RunSettings
+from bitneat.evolve.run_folder import RunFolder, RunSettings
 from bitneat.evolve.search import Search
 from bitneat.runtime import RuntimeController
 from bitneat.sim.environment import default_inputs, inspect

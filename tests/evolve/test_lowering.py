@@ -16,7 +16,8 @@ from bitneat.controller import Constant, Controller, Input, Link, Node, Referenc
 from bitneat.controller.activation import evaluate
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import parse
-from bitneat.evolve.genome import BitConnectionGene, BitGenome, BitGenomeConfig, BitNodeGene
+from bitneat.evolve.genes import BitConnectionGene, BitNodeGene
+from bitneat.evolve.genome import BitGenome, BitGenomeConfig
 from bitneat.evolve.lowering import genome_from_controller, has_path, lower
 from tests.evolve.test_genome import make_config, make_genome
 from tests.strategies import controllers_with_inputs, input_vectors, patient

@@ -12,7 +12,7 @@ from bitneat.champion import EnvironmentSpec
 from bitneat.controller import Constant
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import parse
-from bitneat.evolve.run import RunFolder
+from bitneat.evolve.run_folder import RunFolder
 from bitneat.evolve.search import Search
 from bitneat.network import Policy
 from bitneat.sim.environment import EpisodeResult, Shaping, inspect

@@ -27,7 +27,8 @@ from bitneat.errors import BitneatError
 from bitneat.evolve.config import parse
 from bitneat.evolve.evaluation import GymnasiumEvaluator
 from bitneat.evolve.progress import PlainProgress
-from bitneat.evolve.run import Outcome, RunFolder, RunSettings, Stage, carry_on
+from bitneat.evolve.run import Outcome, carry_on
+from bitneat.evolve.run_folder import RunFolder, RunSettings, Stage
 from bitneat.evolve.search import Search
 from bitneat.evolve.setup import episode_limit
 from bitneat.runtime import RuntimeController

@@ -17,7 +17,7 @@ from bitneat.controller import Constant, Controller, Reference
 from bitneat.errors import BitneatError
 from bitneat.evolve.config import load, parse
 from bitneat.evolve.randomness import report_seeds
-from bitneat.evolve.run import RunFolder
+from bitneat.evolve.run_folder import RunFolder
 from bitneat.evolve.search import Search
 from bitneat.evolve.starting import starting_point
 from bitneat.network import FloatNetwork

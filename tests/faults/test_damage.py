@@ -17,7 +17,7 @@ from bitneat import champion as champions
 from bitneat.cli.main import main
 from bitneat.errors import BitneatError
 from bitneat.evolve.polish_run import PolishFolder
-from bitneat.evolve.run import RunFolder
+from bitneat.evolve.run_folder import RunFolder
 from bitneat.evolve.search import Search
 from bitneat.reproduce import results
 from bitneat.reproduce.running import _Growth
