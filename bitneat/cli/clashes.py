@@ -8,9 +8,11 @@ import os
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from bitneat.errors import BitneatError
+from bitneat.folders import KINDS
 
 _RESULTS = ("output", "json")
 """Arguments that name what is written; any other path is read."""
@@ -49,8 +51,13 @@ def require_distinct(
                     f"{result.name} {result.path}: would overwrite {source.name} {source.path}, which is read;"
                     " expected another name"
                 )
+            if _is_of_run(result.path, source.path):
+                raise BitneatError(
+                    f"{result.name} {result.path}: would overwrite a file of the run {source.name} {source.path};"
+                    " expected another name"
+                )
         for other in written[:number]:
-            if _same(result.path, other.path):
+            if _same(result.path, other.path) or _is_of_run(result.path, other.path):
                 raise BitneatError(
                     f"{result.name} {result.path}: would overwrite what {other.name} writes; expected another name"
                 )
@@ -91,3 +98,9 @@ def _same(one: Path, other: Path) -> bool:
     except (OSError, ValueError):
         return False
     return stat.S_ISREG(first.st_mode) and os.path.samestat(first, second)
+
+
+def _is_of_run(path: Path, folder: Path) -> bool:
+    """Whether a path is one of those by which a command keeps a run in a folder."""
+    inside = os.path.relpath(os.path.realpath(path), os.path.realpath(folder))
+    return any(fnmatchcase(inside, pattern) for kind in KINDS for pattern in (*kind.states, *kind.written))

@@ -92,6 +92,44 @@ def test_two_results_are_two_files(line: str, names: str, folder: Path, capsys: 
     assert capsys.readouterr() == ("", expected)
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (
+            "report run -o q.html --json run/champion.pkl",
+            "--json run/champion.pkl: would overwrite a file of the run RUN|CHAMPION run",
+        ),
+        ("report run -o run/history.csv", "-o run/history.csv: would overwrite a file of the run RUN|CHAMPION run"),
+        (
+            "report run -o q.html --json way/run.json",
+            "--json way/run.json: would overwrite a file of the run RUN|CHAMPION run",
+        ),
+        (
+            "evolve --resume run --json run/checkpoints/generation-00000001.json",
+            "--json run/checkpoints/generation-00000001.json: would overwrite a file of the run --resume run",
+        ),
+        ("evolve -o new --json new/champion.json", "--json new/champion.json: would overwrite what -o writes"),
+        ("polish t.json -o new --json new/front/1.pkl", "--json new/front/1.pkl: would overwrite what -o writes"),
+    ],
+)
+def test_a_run_s_own_files_are_kept(line: str, says: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "run").mkdir()
+    (folder / "way").symlink_to("run")
+    assert main(line.split()) == 2
+    assert capsys.readouterr() == ("", f"bitneat: {says}; expected another name\n")
+    assert not list((folder / "run").iterdir())
+    assert not (folder / "new").exists()
+
+
+@pytest.mark.parametrize(
+    "line", ["report run -o run/page.html --json run/page.json", "size t.json --json run/size.json"]
+)
+def test_other_names_in_a_run_s_folder_are_free(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "run").mkdir()
+    assert main(line.split()) == 2
+    assert "would overwrite" not in capsys.readouterr().err  # but there is no champion
+
+
 def test_a_device_may_be_named_twice(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     del folder
     assert main(["size", "/dev/null", "--json", "/dev/null"]) == 2
