@@ -13,7 +13,7 @@ from bitneat.cli.outcome import controller_data, print_champion
 from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
-    from bitneat.champion import FloatChampion
+    from bitneat.champion import Champion, FloatChampion
     from bitneat.distill.imitation import RoundRow
     from bitneat.distill.run import ReinforceRow, RoundingRow
 
@@ -22,30 +22,41 @@ DESCRIPTION = """\
 Trains a small layered network to do what a float champion does, where the small
 one itself goes (DAgger). It computes with integer weights and power-of-two gains
 from early on, so that the controller is what was trained. With --reinforce it
-goes on by its own reward, with real weights, and is rounded at the end. The same
-command again goes on, if it was stopped. docs/distill.md explains it."""
+goes on by its own reward, with real weights, and is rounded at the end; so does
+what an earlier run made, polished or not, without imitation. The same command
+again goes on, if it was stopped. docs/distill.md explains it."""
 EXAMPLE = """\
   bitneat baseline ppo --hardcore -o teacher
   bitneat distill teacher/champion.pkl -o student
   bitneat distill teacher/champion.pkl --reinforce 80000000 -o better
+  bitneat distill better/champion.pkl --reinforce 80000000 -o still-better
   bitneat distill teacher/champion.pkl --hidden 48 --planes 1 -o smaller"""
 FILES = """\
-  TEACHER          read: the champion.pkl or champion.json of a float network
+  TEACHER          read: the champion.pkl or champion.json of a float network,
+                   or of a controller that distill made
   RUN/             written: distill.json, imitation.pt, reinforcement.pt,
                    champion.pkl, champion.json"""
 
 
+HIDDEN = (20, 14)
+UPDATES = 3000
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``distill``."""
-    parser.add_argument("teacher", metavar="TEACHER", type=Path, help="a float champion for the walker")
+    parser.add_argument(
+        "teacher",
+        metavar="TEACHER",
+        type=Path,
+        help="a float champion for the walker; or, with --reinforce, a distilled controller, which goes on",
+    )
     student = parser.add_argument_group("student")
     student.add_argument(
         "--hidden",
         metavar="N",
         type=whole_number(1, 1024),
         nargs="+",
-        default=[20, 14],
-        help="nodes of each hidden layer (default 20 14)",
+        help="nodes of each hidden layer (default 20 14; those of a controller that goes on are as they are)",
     )
     student.add_argument(
         "--planes",
@@ -66,8 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--updates",
         metavar="N",
         type=whole_number(1),
-        default=3000,
-        help="steps of the optimizer in each (default 3000)",
+        help="steps of the optimizer in each round of imitation (default 3000)",
     )
     training.add_argument(
         "--reinforce",
@@ -86,11 +96,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train or go on training, and say what came of it."""
-    from bitneat.champion import FloatChampion, load_any
+    from bitneat.champion import Champion, load_any
 
     teacher = load_any(args.teacher)
-    if not isinstance(teacher, FloatChampion):
-        raise BitneatError(f"{args.teacher}: is a controller already; expected a float champion")
+    if isinstance(teacher, Champion):
+        _require_going_on(args)
     _require_walkers(teacher, args.teacher)
     try:
         from bitneat.distill.imitation import DistillSettings
@@ -100,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
         raise MissingExtraError(
             f"distill: {error.name or 'a library'} is not installed; pip install 'bitneat[baselines]'"
         ) from None
-    settings = DistillSettings(tuple(args.hidden), args.planes, args.rounds, updates=args.updates)
+    settings = DistillSettings(tuple(args.hidden or HIDDEN), args.planes, args.rounds, updates=args.updates or UPDATES)
     folder: Path = args.output or Path("runs") / f"distill-{args.seed}"
     try:
         reinforce = ReinforceSettings(args.reinforce)
@@ -122,18 +132,38 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _require_walkers(teacher: FloatChampion, path: Path) -> None:
+def _require_going_on(args: argparse.Namespace) -> None:
+    """Refuse what only imitation has a use for."""
+    if not args.reinforce:
+        raise BitneatError(
+            f"{args.teacher}: is a controller already, which can go on with --reinforce STEPS; or give a float champion"
+        )
+    for option, value in (("--hidden", args.hidden), ("--updates", args.updates)):
+        if value is not None:
+            raise BitneatError(f"{option}: {args.teacher} is a controller already, which goes on without imitation")
+
+
+def _require_walkers(teacher: Champion | FloatChampion, path: Path) -> None:
     """A file may name the walker and hold anything: to be known before the run is begun."""
+    from bitneat.champion import Champion
     from bitneat.sim.bipedal import is_walker
     from bitneat.sim.walker.episodes import ACTION, NUM_INPUTS
 
     spec = teacher.environment
     if spec is None or not is_walker(spec):
         raise BitneatError(f"{path}: expected a teacher for BipedalWalker-v3 or BipedalWalkerHardcore-v3")
-    if teacher.network.num_inputs != NUM_INPUTS:
-        raise BitneatError(f"{path}: has {teacher.network.num_inputs} inputs, {spec.id} gives {NUM_INPUTS}")
+    inputs = len(teacher.controller.inputs) if isinstance(teacher, Champion) else teacher.network.num_inputs
+    if inputs != NUM_INPUTS:
+        raise BitneatError(f"{path}: has {inputs} inputs, {spec.id} gives {NUM_INPUTS}")
     if teacher.action != ACTION:
         raise BitneatError(f"{path}: is for another action space than that of {spec.id}")
+    if isinstance(teacher, Champion):
+        from bitneat.distill.layers import layers_of
+
+        try:
+            layers_of(teacher.controller)
+        except BitneatError as error:
+            raise BitneatError(f"{path}: {error}") from None
 
 
 def _tell(row: RoundRow | ReinforceRow | RoundingRow) -> None:

@@ -92,7 +92,7 @@ Tell = Callable[[RoundRow | ReinforceRow | RoundingRow], None]
 
 
 def distill(
-    teacher: FloatChampion,
+    teacher: FloatChampion | Champion,
     settings: DistillSettings,
     seed: int,
     folder: Path,
@@ -103,7 +103,8 @@ def distill(
     """Train a student, and write the best controller that it was as a champion.
 
     With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and is rounded then.
-    Without, the student imitates the teacher all along, with integers after the first rounds.
+    Without, the student imitates the teacher all along, with integers after the first rounds. A controller that a student has
+    become is no teacher: it goes on itself, by its reward alone, and with the layers that it has.
 
     If the folder holds the same run, it goes on from there.
 
@@ -119,7 +120,8 @@ def distill(
         The champion, and its score on the report seeds.
 
     Raises:
-        BitneatError: if the teacher is not for a walker, or the folder holds something else.
+        BitneatError: if the teacher is not for a walker, or a controller that no student can become, or one without reinforcement;
+            or if the folder holds something else.
     """
     spec = teacher.environment
     if spec is None or not is_walker(spec):
@@ -127,10 +129,16 @@ def distill(
     if not 0 <= seed <= MAX_SEED:
         raise BitneatError(f"seed: expected a whole number in 0..{MAX_SEED}, got {seed}")
     reinforce = reinforce or ReinforceSettings()
+    begun: Student | None = None
+    if isinstance(teacher, Champion):
+        if not reinforce.steps:
+            raise BitneatError("distill: is a controller already, which can go on with reinforcement alone")
+        begun = Student.from_controller(teacher.controller, settings.planes)
+        settings = replace(settings, hidden=begun.hidden)
     run = {
         "format": _FORMAT,
         "version": _VERSION,
-        "teacher": teacher.network.sha256,
+        "teacher": teacher.controller.sha256 if isinstance(teacher, Champion) else teacher.network.sha256,
         "seed": seed,
         "settings": json.loads(json.dumps(asdict(settings))),
         "reinforce": asdict(reinforce) if reinforce.steps else None,
@@ -138,22 +146,22 @@ def distill(
     with at_work(folder, run):
         hardcore = is_hardcore(spec)
         evaluator = NativeWalkerEvaluator(spec, step_limit(hardcore), default_threads())
-        label = batched(teacher.network, exact=False)
         threads = torch.get_num_threads()
         torch_state, python_state = torch.get_rng_state(), random.getstate()
         torch.set_num_threads(1)
         try:
+            if begun is not None:
+                student = begun
+            else:
+                assert isinstance(teacher, FloatChampion)
+                how = replace(settings, rounds=settings.float_rounds) if reinforce.steps else settings
+                imitation = Imitation(batched(teacher.network, exact=False), hardcore, how, seed)
+                _imitate(folder / IMITATION, imitation, evaluator, tell)
+                student, controllers = imitation.student, [controller for _, controller in imitation.candidates]
             if reinforce.steps:
-                first = replace(settings, rounds=settings.float_rounds)
-                imitation = Imitation(label, hardcore, first, seed)
-                student = _imitated(folder / IMITATION, imitation, evaluator, tell).student
-                _reinforced(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
+                _reinforce(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
                 rounds = _Rounds(settings.rounds, settings.walkers, hardcore, seed)
                 controllers = _rounded(student, rounds, evaluator, tell)
-            else:
-                imitation = Imitation(label, hardcore, settings, seed)
-                candidates = _imitated(folder / IMITATION, imitation, evaluator, tell).candidates
-                controllers = [controller for _, controller in candidates]
         finally:
             torch.set_num_threads(threads)
             torch.set_rng_state(torch_state)
@@ -161,16 +169,15 @@ def distill(
         return _finish(folder, teacher, controllers, evaluator, run)
 
 
-def _imitated(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell) -> Imitation:
+def _imitate(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell) -> None:
     checkpoint.restore(path, imitation.restore)
     while len(imitation.rows) < imitation.settings.rounds:
         row = imitation.advance(evaluator)
         checkpoint.save(path, imitation.state())
         tell(row)
-    return imitation
 
 
-def _reinforced(path: Path, training: Reinforcement, tell: Tell) -> None:
+def _reinforce(path: Path, training: Reinforcement, tell: Tell) -> None:
     try:
         checkpoint.restore(path, training.restore)
         while not training.done:
@@ -207,7 +214,11 @@ def _walked(training: Reinforcement) -> float:
 
 
 def _finish(
-    folder: Path, teacher: FloatChampion, controllers: Sequence[Controller], evaluator: Evaluator, run: dict[str, Any]
+    folder: Path,
+    teacher: FloatChampion | Champion,
+    controllers: Sequence[Controller],
+    evaluator: Evaluator,
+    run: dict[str, Any],
 ) -> tuple[Champion, Score]:
     spec = teacher.environment
     assert spec is not None

@@ -24,7 +24,9 @@ from torch.nn.functional import hardtanh, linear
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.ir import GAIN_RANGE
+from bitneat.distill.layers import layers_of
 from bitneat.distill.rounding import round_row
+from bitneat.errors import BitneatError
 
 FRAC_BITS = 8
 LIMIT = 2047
@@ -137,6 +139,30 @@ class Student(nn.Module):
         """Read what `state` wrote."""
         student = cls(state["scales"], hidden, num_outputs, planes, state["shifts"])
         student.load_state_dict(state["tensors"])
+        return student
+
+    @classmethod
+    def from_controller(cls, controller: Controller, planes: int) -> Student:
+        """The network that a controller is, but for rounding, with real weights that go on from its own.
+
+        Links that skip a layer are left out.
+
+        Raises:
+            BitneatError: if the controller is none that a student, polished or not, has become.
+        """
+        layers = layers_of(controller)
+        # A limit tells how much of its scale an input got by `balanced`.
+        shifts = [round(math.log2(entry.limit / LIMIT)) for entry in controller.inputs]
+        limits = [int(LIMIT * 2.0**shift) for shift in shifts]
+        if controller.frac_bits != FRAC_BITS or limits != [entry.limit for entry in controller.inputs]:
+            raise BitneatError("is no student's controller: its inputs are scaled or limited in another way")
+        scales = [entry.scale - shift for entry, shift in zip(controller.inputs, shifts, strict=True)]
+        student = cls(scales, layers.hidden, len(controller.outputs), planes)
+        with torch.no_grad():
+            for layer, (weights, biases) in zip(student.layers, layers.matrices, strict=True):
+                layer.weight.copy_(torch.from_numpy(weights))
+                layer.bias.copy_(torch.from_numpy(biases))
+            student.layers[0].weight *= torch.exp2(torch.tensor(shifts, dtype=torch.float32))
         return student
 
     def quantize(self, on: bool) -> None:

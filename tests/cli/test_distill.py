@@ -41,7 +41,13 @@ def test_a_missing_library_is_one_line_and_exit_status_2(
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ([str(TINY)], "tiny.pkl: is a controller already; expected a float champion"),
+        (
+            [str(TINY)],
+            "tiny.pkl: is a controller already, which can go on with --reinforce STEPS; or give a float champion",
+        ),
+        ([str(TINY), "--reinforce", "9"], "tiny.pkl: is no layered controller: "),
+        ([str(TINY), "--reinforce", "9", "--hidden", "5"], "--hidden: "),
+        ([str(TINY), "--reinforce", "9", "--updates", "5"], "--updates: "),
         (["nowhere.pkl"], "nowhere.pkl: "),
         ([str(TINY), "--planes", "4"], "--planes: invalid choice: 4"),
         ([str(TINY), "--hidden", "0"], "--hidden: '0' is not a whole number"),

@@ -132,6 +132,23 @@ def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(
         distill(teacher(), SMALL, 2, tmp_path, tell=rows.append)
 
 
+def test_a_student_s_controller_goes_on_without_imitation(tmp_path: Path) -> None:
+    begun, _ = distill(teacher(), SMALL, 2, tmp_path / "begun", tell=lambda row: None)
+    settings = ReinforceSettings(steps=16 * 64, walkers=8, steps_an_update=8, batch=32, epochs=1, critic_first=1)
+    rows: list[Any] = []
+    more = replace(SMALL, hidden=(99,))
+    champion, score = distill(begun, more, 2, tmp_path / "on", tell=rows.append, reinforce=settings)
+    assert [type(row).__name__ for row in rows] == ["ReinforceRow"] * 2 + ["RoundingRow"] * 4
+    assert not (tmp_path / "on" / IMITATION).exists()
+    assert champion.provenance["distill"]["teacher"] == begun.controller.sha256
+    assert champion.provenance["distill"]["settings"]["hidden"] == list(SMALL.hidden)
+    assert champion.provenance["held_out"]["mean"] == score.mean
+    assert champion.controller.sha256 != begun.controller.sha256
+    with pytest.raises(BitneatError, match="which can go on with reinforcement alone"):
+        distill(begun, SMALL, 2, tmp_path / "other", tell=rows.append)
+    assert not (tmp_path / "other").exists()
+
+
 def test_the_learning_rate_of_reinforcement_falls_to_the_end() -> None:
     settings = ReinforceSettings(steps=4 * 32, walkers=4, steps_an_update=8, batch=16, epochs=1, learning_rate=1e-2)
     training = Reinforcement(Student([1] * 24, [5], 4, 2), hardcore=False, settings=settings, seed=0)

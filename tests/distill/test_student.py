@@ -6,10 +6,13 @@ Runs where bitneat[baselines] is installed: ``make test-baselines``.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from bitneat.controller import Reference
+from bitneat.controller import Input, Reference
+from bitneat.errors import BitneatError
 
 torch = pytest.importorskip("torch", reason="needs bitneat[baselines]")
 
@@ -94,6 +97,43 @@ def test_an_input_that_matters_much_does_not_take_the_others_bits() -> None:
     assert balanced.scales[7] == 1
     assert min(balanced.scales) == max(balanced.scales[:7] + balanced.scales[8:]) - 1 == -3
     assert all(limit == int(LIMIT * 2.0**scale) for limit, scale in zip(balanced.limits, balanced.scales, strict=True))
+
+
+@pytest.mark.parametrize("balanced", [False, True])
+def test_a_controller_is_its_student_again_with_real_weights(balanced: bool) -> None:
+    torch.manual_seed(11)
+    student = Student([0, 1, 3, -1, 2], [9, 6], 3, 3)
+    with torch.no_grad():
+        for layer in student.layers:
+            layer.bias += 0.4 * torch.randn(len(layer.bias))
+        student.layers[0].weight[:, 3] *= 8
+    if balanced:
+        student = student.balanced()
+        assert any(student.shifts)
+    student.quantize(True)
+    again = Student.from_controller(student.controller(), 3)
+    assert (again.hidden, again.num_outputs, again.planes) == ((9, 6), 3, 3)
+    assert not any(layer.quantized for layer in again.layers)
+    assert again.scales == tuple(a - b for a, b in zip(student.scales, student.shifts, strict=True))
+    observations = (0.8 * torch.randn(300, 5)).float()
+    with torch.no_grad():
+        expected, found = student(observations), again(observations)
+    assert torch.abs(expected).mean() > 0.1
+    # Inputs are rounded at another scale now; all else is the same.
+    assert torch.abs(found - expected).max() < 0.05
+    assert torch.abs(found - expected).mean() < 0.005
+
+
+def test_inputs_that_no_student_has_are_refused() -> None:
+    student = Student([0, 1], [3], 1, 1)
+    controller = student.controller()
+    for inputs, frac_bits in (
+        ((Input(0, 2047), Input(1, 1500)), 8),
+        ((Input(0, 2047), Input(1, 1)), 8),
+        (controller.inputs, 7),
+    ):
+        with pytest.raises(BitneatError, match="is no student's controller"):
+            Student.from_controller(replace(controller, inputs=inputs, frac_bits=frac_bits), 1)
 
 
 def test_gradients_pass_through_the_integers() -> None:
