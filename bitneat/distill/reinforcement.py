@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecNormalize
@@ -27,10 +26,9 @@ from bitneat.baselines.stable import (
     restore_random,
     silence,
 )
-from bitneat.baselines.vecenv import WalkerVecEnv
+from bitneat.baselines.vecenv import Training, WalkerVecEnv
 from bitneat.distill.student import Student
 
-_FALL = -100.0
 _LEAST_RATE = 0.02
 """Of the learning rate, at the end."""
 
@@ -55,6 +53,8 @@ class ReinforceSettings:
     """Logarithm of the actions' standard deviation at the start."""
     fall: float = -60.0
     """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
+    stall_steps: int = 200
+    """As of `bitneat.baselines.vecenv.Training`: to stand still is as bad as to fall."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
 
@@ -94,26 +94,15 @@ class _Policy(ActorCriticPolicy):
         self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
 
 
-class _Falls(WalkerVecEnv):
-    """Walkers whose falls count something else."""
-
-    def __init__(self, num_envs: int, hardcore: bool, fall: float) -> None:
-        super().__init__(num_envs, hardcore=hardcore)
-        self._fall = fall
-
-    def step_wait(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_], list[Any]]:
-        observations, rewards, done, infos = super().step_wait()
-        return observations, np.where(rewards == _FALL, np.float32(self._fall), rewards), done, infos
-
-
 class Reinforcement:
     """A training of a student, which it changes in place. In one that is restored episodes begin anew; all else goes on."""
 
     def __init__(self, student: Student, hardcore: bool, settings: ReinforceSettings, seed: int) -> None:
         self.student, self.hardcore, self._settings = student, hardcore, settings
         student.quantize(False)
+        training = Training(settings.fall, settings.stall_steps)
         self._env = VecNormalize(
-            _Falls(settings.walkers, hardcore, settings.fall), norm_obs=False, gamma=settings.gamma
+            WalkerVecEnv(settings.walkers, hardcore=hardcore, training=training), norm_obs=False, gamma=settings.gamma
         )
         self._model = PPO(
             _Policy,

@@ -16,11 +16,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from bitneat import Agent
 from bitneat.baselines import BaselineResult, TrainingProgress, load_result, train
 from bitneat.baselines.evaluation import network_policy, score
 from bitneat.baselines.settings import ArsSettings, DqnSettings, PpoSettings, Settings
 from bitneat.baselines.training import CHECKPOINT, POLICY, RESULT, RUN
-from bitneat.champion import FloatChampion, load_any
+from bitneat.champion import FloatChampion, load, load_any
 from bitneat.errors import BitneatError
 from bitneat.evolve.randomness import report_seeds
 from bitneat.network import decode
@@ -309,6 +310,73 @@ def test_an_episode_that_only_the_time_limit_ends_is_told_as_truncated(libraries
             infos = env.step(np.zeros((1, 4), np.float32))[3]
         assert infos[0]["TimeLimit.truncated"] == truncated
         assert (infos[0]["episode"]["l"] == limit) == truncated
+
+
+def test_a_fall_counts_what_it_is_told_and_all_else_as_it_is(libraries: None) -> None:
+    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+
+    rewards = []
+    for env in (WalkerVecEnv(2, hardcore=True, training=Training(fall=-20.0)), WalkerVecEnv(2, hardcore=True)):
+        env.seed(3)
+        env.reset()
+        steps = [env.step(np.ones((2, 4), np.float32)) for _ in range(300)]
+        rewards.append(np.array([step[1] for step in steps]))
+        told = [info["episode"]["r"] for step in steps for info in step[3] if info]
+        assert told
+        assert max(told) < -90  # the official reward
+    falls = rewards[1] == -100.0
+    assert 0 < falls.sum() < 30
+    assert (rewards[0][falls] == -20.0).all()
+    assert (rewards[0][~falls] == rewards[1][~falls]).all()
+
+
+def test_a_walker_that_stands_for_too_long_ends_as_one_that_falls(libraries: None) -> None:
+    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+
+    plain = WalkerVecEnv(2)
+    ours = WalkerVecEnv(2, training=Training(fall=-30.0, stall_steps=40))
+    for env in (plain, ours):
+        env.seed(6)
+        env.reset()
+    still = np.zeros((2, 4), np.float32)
+    steps = [(plain.step(still), ours.step(still)) for _ in range(40)]
+    for left, right in steps[:-1]:
+        np.testing.assert_array_equal(left[0], right[0])
+        np.testing.assert_array_equal(left[1], right[1])
+        assert not left[2].any()
+        assert not right[2].any()
+    left, right = steps[-1]
+    assert not left[2].any()
+    assert right[2].all()
+    assert right[1].tolist() == [-30.0, -30.0]
+    assert ours.episodes == 2
+    for index in range(2):
+        np.testing.assert_array_equal(right[3][index]["terminal_observation"], left[0][index])
+        assert right[3][index]["TimeLimit.truncated"] is False
+        assert right[3][index]["episode"]["l"] == 40
+        assert right[3][index]["episode"]["r"] == pytest.approx(
+            sum(float(step[0][1][index]) for step in steps), abs=1e-5
+        )
+        assert not np.array_equal(right[0][index], left[0][index])  # of the next episode
+    assert not any(ours.step(still)[2].any() for _ in range(39))
+    assert ours.step(still)[2].all()
+
+
+def test_a_walker_that_gets_on_does_not_stand(libraries: None) -> None:
+    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+
+    walker = Agent(load(Path(__file__).parents[2] / "examples" / "champions" / "walker.pkl"))
+    lengths = []
+    for gain in (10.0, 1000.0):
+        env = WalkerVecEnv(1, training=Training(stall_steps=150, stall_gain=gain))
+        env.seed(1)
+        observations = env.reset()
+        walker.reset()
+        while not env.episodes:
+            observations, _, _, infos = env.step(np.array([walker.act(observations[0])], np.float32))
+        lengths.append(infos[0]["episode"]["l"])
+    assert lengths[0] > 500
+    assert lengths[1] == 150
 
 
 def test_a_discrete_action_is_a_row_of_the_table(libraries: None) -> None:

@@ -27,9 +27,8 @@ pytest.importorskip("stable_baselines3", reason="needs bitneat[baselines]")
 import torch
 
 from bitneat.baselines.evaluation import batched
-from bitneat.baselines.vecenv import WalkerVecEnv
 from bitneat.distill.imitation import DistillSettings, Imitation
-from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings, _Falls
+from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
 from bitneat.distill.run import IMITATION, distill
 from bitneat.distill.student import Student
 
@@ -181,18 +180,3 @@ def test_weights_are_integers_once_the_first_rounds_are_over() -> None:
         assert [layer.quantized for layer in imitation.student.layers] == [quantized] * 2
         assert any(imitation.student.shifts) == quantized  # its inputs are balanced
         assert (row.mean is not None) == quantized
-
-
-def test_a_fall_counts_what_it_is_told_and_all_else_as_it_is() -> None:
-    ours, plain = _Falls(2, True, -20.0), WalkerVecEnv(2, hardcore=True)
-    rewards = []
-    for env in (ours, plain):
-        env.seed(3)
-        env.reset()
-        steps = [env.step(np.ones((2, 4), np.float32))[1:3] for _ in range(300)]
-        rewards.append(np.array([reward for reward, _ in steps]))
-        env.close()
-    falls = rewards[1] == -100.0
-    assert 0 < falls.sum() < 30
-    assert (rewards[0][falls] == -20.0).all()
-    assert (rewards[0][~falls] == rewards[1][~falls]).all()
