@@ -10,6 +10,7 @@ Importing this needs PyTorch and stable-baselines3.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,6 +58,14 @@ class ReinforceSettings:
     """As of `bitneat.baselines.vecenv.Training`: to stand still is as bad as to fall."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
+    settle_part: float = 0.125
+    """Of the steps, so many more after each layer that has become integers but the last: the layers above learn to live with it."""
+    settle_rate: float = 1e-4
+    """The learning rate at the start of those."""
+
+    def steps_with(self, rounded_layers: int) -> int:
+        """How many to take with so many layers of integers."""
+        return math.ceil(self.steps * self.settle_part) if rounded_layers else self.steps
 
 
 class _Extractor(nn.Module):
@@ -95,7 +104,10 @@ class _Policy(ActorCriticPolicy):
 
 
 class Reinforcement:
-    """A training of a student, which it changes in place. In one that is restored episodes begin anew; all else goes on."""
+    """A training of a student, which it changes in place; layers of integers stay as they are.
+
+    In one that is restored episodes begin anew; all else goes on.
+    """
 
     def __init__(self, student: Student, hardcore: bool, settings: ReinforceSettings, seed: int) -> None:
         self.student, self.hardcore, self._settings = student, hardcore, settings
@@ -120,6 +132,7 @@ class Reinforcement:
         )
         silence(self._model)
         self._updates = 0
+        self._begun = 0
 
     @property
     def steps(self) -> int:
@@ -127,9 +140,24 @@ class Reinforcement:
         return int(self._model.num_timesteps)
 
     @property
+    def _part(self) -> float:
+        """How much is done of the steps to take with as many layers of integers as there are."""
+        return (self.steps - self._begun) / max(self._settings.steps_with(self.student.rounded_layers), 1)
+
+    @property
     def done(self) -> bool:
-        """Whether all steps are taken."""
-        return self.steps >= self._settings.steps
+        """Whether all steps are taken that are to be taken with as many layers of integers as there are."""
+        return self._part >= 1.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether no layer is to be rounded before the last."""
+        return self._settings.settle_part == 0.0 or self.student.rounded_layers >= len(self.student.layers) - 1
+
+    def adopt(self, rounded: Student) -> None:
+        """Go on with the student as it has become by rounding a layer."""
+        self.student.adopt(rounded)
+        self._begun = self.steps
 
     @property
     def recent(self) -> float | None:
@@ -138,10 +166,11 @@ class Reinforcement:
 
     def advance(self) -> None:
         """One update."""
-        for parameter in self.student.parameters():
-            parameter.requires_grad_(self._updates >= self._settings.critic_first)
         settings = self._settings
-        rate = settings.learning_rate * max(1.0 - self.steps / max(settings.steps, 1), _LEAST_RATE)
+        for layer in self.student.layers:
+            layer.requires_grad_(self._updates >= settings.critic_first and not layer.quantized)
+        first = settings.settle_rate if self.student.rounded_layers else settings.learning_rate
+        rate = first * max(1.0 - self._part, _LEAST_RATE)
         self._model.lr_schedule = lambda progress: rate  # the library's own knows nothing of later calls of learn
         chunk = settings.walkers * settings.steps_an_update
         self._model.learn(chunk, log_interval=None, reset_num_timesteps=False)
@@ -151,7 +180,9 @@ class Reinforcement:
         """All that `restore` needs: tensors and plain data."""
         returns = self._env.ret_rms
         return {
-            "counts": [self.steps, int(self._model._n_updates), self._updates],
+            "counts": [self.steps, int(self._model._n_updates), self._updates, self._begun],
+            "student": self.student.state(),
+            "rounded_layers": self.student.rounded_layers,
             "parameters": self._model.get_parameters(),
             "returns": [float(x) for x in (returns.mean, returns.var, returns.count)],
             "random": random_state(),
@@ -159,7 +190,13 @@ class Reinforcement:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on where `state` was taken."""
-        self._model.num_timesteps, self._model._n_updates, self._updates = state["counts"]
+        self._model.num_timesteps, self._model._n_updates, self._updates, self._begun = state["counts"]
+        student = Student.from_state(
+            state["student"], self.student.hidden, self.student.num_outputs, self.student.planes
+        )
+        for layer in list(student.layers)[: state["rounded_layers"]]:
+            layer.quantized = True
+        self.student.adopt(student)
         self._model.set_parameters(state["parameters"], device="cpu")
         returns = self._env.ret_rms
         returns.mean, returns.var = (np.array(x) for x in state["returns"][:2])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,8 @@ from bitneat.sim.walker.vector import step_limit
 from bitneat.version import __version__
 
 IMITATION, REINFORCEMENT = "imitation.pt", "reinforcement.pt"
-_FORMAT, _VERSION = "bitneat-distill", 3
-_TRIED, _FINAL, _REPORT = 32, 200, 100
+_FORMAT, _VERSION = "bitneat-distill", 4
+_TRIED, _TRIED_LAYER, _FINAL, _REPORT = 32, 64, 200, 100
 _ROUNDING_STREAM = 0x2094
 _EVERY = 15
 """Updates of reinforcement between two evaluations of the student."""
@@ -68,16 +68,20 @@ class RoundingRow:
     """One rounding of a student to integers."""
 
     number: int
+    layers: int
+    """Of integers, of all."""
     loss: float
-    """Mean squared difference of the actions to those with real weights."""
+    """Mean squared difference of the actions to those before."""
     mean: float
     """Reward on the selection seeds."""
-    packed_bytes: int
+    packed_bytes: int | None
+    """None where a layer still has real weights."""
 
     @property
     def line(self) -> str:
         """For whoever watches."""
-        return f"rounding {self.number} loss {self.loss:.4f} reward {self.mean:.1f} in {self.packed_bytes} bytes"
+        size = f"{self.layers} layers" if self.packed_bytes is None else f"{self.packed_bytes} bytes"
+        return f"rounding {self.number} loss {self.loss:.4f} reward {self.mean:.1f} in {size}"
 
 
 @dataclass(frozen=True)
@@ -159,8 +163,8 @@ def distill(
                 _imitate(folder / IMITATION, imitation, evaluator, tell)
                 student, controllers = imitation.student, [controller for _, controller in imitation.candidates]
             if reinforce.steps:
-                _reinforce(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), tell)
                 rounds = _Rounds(settings.rounds, settings.walkers, hardcore, seed)
+                _reinforce(folder / REINFORCEMENT, Reinforcement(student, hardcore, reinforce, seed), rounds, tell)
                 controllers = _rounded(student, rounds, evaluator, tell)
         finally:
             torch.set_num_threads(threads)
@@ -177,39 +181,60 @@ def _imitate(path: Path, imitation: Imitation, evaluator: Evaluator, tell: Tell)
         tell(row)
 
 
-def _reinforce(path: Path, training: Reinforcement, tell: Tell) -> None:
+def _reinforce(path: Path, training: Reinforcement, run: _Rounds, tell: Tell) -> None:
+    """Train the student, round a layer, train those above, and so on until the last layer alone has real weights."""
     try:
         checkpoint.restore(path, training.restore)
-        while not training.done:
-            for _ in range(_EVERY):
-                if not training.done:
-                    training.advance()
+        while True:
+            while not training.done:
+                for _ in range(_EVERY):
+                    if not training.done:
+                        training.advance()
+                checkpoint.save(path, training.state())
+                tell(ReinforceRow(training.steps, training.recent, _walked(training.student, run, _TRIED)))
+            if training.settled:
+                return
+            training.adopt(_with_next_layer_rounded(training.student, run, tell))
             checkpoint.save(path, training.state())
-            tell(ReinforceRow(training.steps, training.recent, _walked(training)))
     finally:
         training.close()
 
 
+def _with_next_layer_rounded(student: Student, run: _Rounds, tell: Tell) -> Student:
+    """The best of several roundings of the lowest layer that has real weights."""
+    found = []
+    for number, (rounded, loss) in enumerate(_roundings(student, student.rounded_layers + 1, run), start=1):
+        mean = _walked(rounded, run, _TRIED_LAYER)
+        found.append((mean, rounded))
+        tell(RoundingRow(number, rounded.rounded_layers, loss, mean, None))
+    return max(found, key=lambda each: each[0])[1]
+
+
 def _rounded(student: Student, run: _Rounds, evaluator: Evaluator, tell: Tell) -> list[Controller]:
-    """The controllers that several roundings of a student come to, each by other episodes of it and other orders."""
+    """The controllers that several roundings of a student come to."""
     controllers = []
-    for number in range(run.count):
-        rng = np.random.default_rng([_ROUNDING_STREAM, run.seed, number])
-        seeds = [int(s) for s in rng.choice(SELECTION_START, run.walkers, replace=False)]
-        observations = observed(student.act, seeds, run.hardcore)
-        integers = student.rounded(observations, rng)
-        loss = float(((integers.act(observations) - student.act(observations)) ** 2).mean())
+    for number, (integers, loss) in enumerate(_roundings(student, len(student.layers), run), start=1):
         controllers.append(integers.controller())
         row = evaluator.evaluate(controllers[-1:], selection_seeds(_TRIED))[0]
         mean = math.fsum(each.reward for each in row) / len(row)
-        tell(RoundingRow(number + 1, loss, mean, len(pack(controllers[-1]))))
+        tell(RoundingRow(number, len(student.layers), loss, mean, len(pack(controllers[-1]))))
     return controllers
 
 
-def _walked(training: Reinforcement) -> float:
-    """Mean reward of the student as it is."""
-    seeds, limit = selection_seeds(_TRIED), step_limit(training.hardcore)
-    rewards, _ = run_policy(lambda _, seen: training.student.act(seen), seeds, limit, hardcore=training.hardcore)
+def _roundings(student: Student, layers: int, run: _Rounds) -> Iterator[tuple[Student, float]]:
+    """Students whose lowest layers have integers, each by other episodes and other orders, and what that did to the actions."""
+    for number in range(run.count):
+        rng = np.random.default_rng([_ROUNDING_STREAM, run.seed, layers, number])
+        seeds = [int(s) for s in rng.choice(SELECTION_START, run.walkers, replace=False)]
+        observations = observed(student.act, seeds, run.hardcore)
+        rounded = student.rounded(observations, rng, layers)
+        yield rounded, float(((rounded.act(observations) - student.act(observations)) ** 2).mean())
+
+
+def _walked(student: Student, run: _Rounds, episodes: int) -> float:
+    """Mean reward of a student as it is."""
+    limit = step_limit(run.hardcore)
+    rewards, _ = run_policy(lambda _, seen: student.act(seen), selection_seeds(episodes), limit, hardcore=run.hardcore)
     return float(rewards.mean())
 
 

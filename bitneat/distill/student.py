@@ -11,6 +11,7 @@ Importing this needs PyTorch.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -165,6 +166,20 @@ class Student(nn.Module):
             student.layers[0].weight *= torch.exp2(torch.tensor(shifts, dtype=torch.float32))
         return student
 
+    def adopt(self, other: Student) -> None:
+        """Become another student with the same layers, in the tensors that this one has, which an optimizer may know."""
+        self.load_state_dict(other.state_dict())
+        self.scales, self.shifts, self.limits = other.scales, other.shifts, other.limits
+        self._factor.copy_(other._factor)
+        self._limit.copy_(other._limit)
+        for mine, its in zip(self.layers, other.layers, strict=True):
+            mine.quantized = its.quantized
+
+    @property
+    def rounded_layers(self) -> int:
+        """How many layers compute with integers."""
+        return sum(layer.quantized for layer in self.layers)
+
     def quantize(self, on: bool) -> None:
         """As `QuantizedLinear.quantize`, in every layer."""
         for layer in self.layers:
@@ -186,33 +201,32 @@ class Student(nn.Module):
             student.layers[0].weight /= torch.exp2(shifts)
         return student
 
-    def rounded(self, observations: npt.NDArray[np.float32], rng: np.random.Generator) -> Student:
+    def rounded(
+        self, observations: npt.NDArray[np.float32], rng: np.random.Generator, layers: int | None = None
+    ) -> Student:
         """A student with integers that does what this one with real weights does, nearly.
 
         A layer reads what the rounded layers below make of the observations, and is fitted to the sums of the real network.
+        Layers that have integers already keep them.
 
         Args:
             observations: (n, inputs) where it goes.
             rng: for the orders of rounding.
+            layers: so many from below get integers, and those above only the real weights that fit; all if not given.
         """
-        result = self.balanced()
+        result = copy.deepcopy(self) if self.layers[0].quantized else self.balanced()
+        count = len(self.layers) if layers is None else layers
         with torch.no_grad():
             real = result.inputs(torch.from_numpy(observations)).numpy().astype(np.float64)
             seen = real
             for number, layer in enumerate(result.layers):
                 sums = real @ layer.weight.numpy().astype(np.float64).T + layer.bias.numpy().astype(np.float64)
-                columns = np.concatenate((seen, np.ones((len(seen), 1))), axis=1)
-                for row in range(len(layer.weight)):
-                    weights = np.where(np.abs(sums[:, row]) < _CLIPPED, 1.0, _CLIPPED_WEIGHT)[:, None]
-                    gram = (columns * weights).T @ columns / len(columns)
-                    target = np.append(layer.weight[row].numpy(), layer.bias[row].numpy()).astype(np.float64)
-                    if number:  # what the rounded layers below make of the observations is not what the real ones do
-                        damping = _DAMPING * np.trace(gram) / len(target)
-                        right = (columns * weights).T @ sums[:, row] / len(columns) + damping * target
-                        target = np.linalg.solve(gram + damping * np.eye(len(target)), right)
-                    found = round_row(target, gram, layer.planes, rng)
-                    layer.set_row(row, found.integers.tolist(), found.exponent)
-                layer.quantized = True
+                if not layer.quantized:
+                    for row in range(len(layer.weight)):
+                        _fit(
+                            layer, row, seen, sums[:, row], refit=seen is not real, rng=rng if number < count else None
+                        )
+                    layer.quantized = number < count
                 real = np.clip(sums, -1.0, 1.0)
                 seen = layer(torch.from_numpy(seen.astype(np.float32))).clamp(-1.0, 1.0).numpy().astype(np.float64)
         return result
@@ -263,3 +277,29 @@ class Student(nn.Module):
         inputs = tuple(Input(scale, limit) for scale, limit in zip(self.scales, self.limits, strict=True))
         outputs = tuple(Signal(first + i) for i in range(count))
         return Controller(inputs, tuple(nodes), outputs, FRAC_BITS).canonical
+
+
+def _fit(
+    layer: QuantizedLinear,
+    row: int,
+    seen: npt.NDArray[np.float64],
+    sums: npt.NDArray[np.float64],
+    *,
+    refit: bool,
+    rng: np.random.Generator | None,
+) -> None:
+    """Give a row the weights with which it makes the sums, (n,), of what it sees, (n, inputs): integers, if there is an ``rng``."""
+    columns = np.concatenate((seen, np.ones((len(seen), 1))), axis=1)
+    weights = np.where(np.abs(sums) < _CLIPPED, 1.0, _CLIPPED_WEIGHT)[:, None]
+    gram = (columns * weights).T @ columns / len(columns)
+    target = np.append(layer.weight[row].numpy(), layer.bias[row].numpy()).astype(np.float64)
+    if refit:  # what the rounded layers below make of the observations is not what the real ones do
+        damping = _DAMPING * np.trace(gram) / len(target)
+        right = (columns * weights).T @ sums / len(columns) + damping * target
+        target = np.linalg.solve(gram + damping * np.eye(len(target)), right)
+    if rng is None:
+        values = torch.from_numpy(target.astype(np.float32))
+        layer.weight[row], layer.bias[row] = values[:-1], values[-1]
+    else:
+        found = round_row(target, gram, layer.planes, rng)
+        layer.set_row(row, found.integers.tolist(), found.exponent)

@@ -29,7 +29,7 @@ import torch
 from bitneat.baselines.evaluation import batched
 from bitneat.distill.imitation import DistillSettings, Imitation
 from bitneat.distill.reinforcement import Reinforcement, ReinforceSettings
-from bitneat.distill.run import IMITATION, distill
+from bitneat.distill.run import IMITATION, ReinforceRow, RoundingRow, distill
 from bitneat.distill.student import Student
 
 HARDCORE = EnvironmentSpec("BipedalWalkerHardcore-v3")
@@ -110,20 +110,25 @@ def test_a_student_is_reinforced_before_it_is_rounded_and_after_an_interruption(
 
     def stop(row: Any) -> None:
         rows.append(row)
-        if len(rows) in (1, 2, 4):
+        if len(rows) in (1, 2, 5, 10, 12):
             raise InterruptedError
 
-    for number in (1, 2, 4):
+    for number in (1, 2, 5, 10, 12):
         with pytest.raises(InterruptedError):
             distill(teacher(), SMALL, 2, tmp_path, tell=stop, reinforce=settings)
         assert len(rows) == number
     champion, score = distill(teacher(), SMALL, 2, tmp_path, tell=rows.append, reinforce=settings)
     assert rows[0].mean is None
-    assert [row.steps for row in rows[1:3]] == [15 * 64, 16 * 64]
-    assert [row.number for row in rows[3:]] == [1, 1, 2, 3, 4]  # what takes seconds begins anew
-    assert rows[3] == rows[4]
+    assert [row.steps for row in rows if isinstance(row, ReinforceRow)] == [15 * 64, 16 * 64, 18 * 64]
+    roundings = [(row.layers, row.number) for row in rows if isinstance(row, RoundingRow)]
+    first, all_ = [(1, number) for number in range(1, 5)], [(2, number) for number in range(1, 5)]
+    assert roundings == [*first[:2], *first, *all_[:2], *all_]  # what takes seconds begins anew
+    assert rows[3] == rows[5]
+    assert rows[10] == rows[12]
     assert all(row.mean is not None for row in rows[1:])
-    assert all(row.loss < 0.05 and row.packed_bytes < 400 for row in rows[3:])
+    assert all((row.packed_bytes is None) == (row.layers == 1) for row in rows if isinstance(row, RoundingRow))
+    assert all(row.loss < 0.05 for row in rows if isinstance(row, RoundingRow))
+    assert all(row.packed_bytes < 400 for row in rows[-4:])
     assert champion.provenance["distill"]["reinforce"]["steps"] == 1024
     assert champion.provenance["held_out"]["mean"] == score.mean
     assert champion.controller.is_ternary
@@ -137,7 +142,8 @@ def test_a_student_s_controller_goes_on_without_imitation(tmp_path: Path) -> Non
     rows: list[Any] = []
     more = replace(SMALL, hidden=(99,))
     champion, score = distill(begun, more, 2, tmp_path / "on", tell=rows.append, reinforce=settings)
-    assert [type(row).__name__ for row in rows] == ["ReinforceRow"] * 2 + ["RoundingRow"] * 4
+    kinds = [ReinforceRow] * 2 + [RoundingRow] * 4 + [ReinforceRow] + [RoundingRow] * 4
+    assert [type(row) for row in rows] == kinds
     assert not (tmp_path / "on" / IMITATION).exists()
     assert champion.provenance["distill"]["teacher"] == begun.controller.sha256
     assert champion.provenance["distill"]["settings"]["hidden"] == list(SMALL.hidden)
@@ -157,6 +163,42 @@ def test_the_learning_rate_of_reinforcement_falls_to_the_end() -> None:
         rates.append(training._model.policy.optimizer.param_groups[0]["lr"])
     training.close()
     assert rates == pytest.approx([1e-2, 0.75e-2, 0.5e-2, 0.25e-2])
+
+
+def test_layers_of_integers_are_not_trained_and_those_above_go_on() -> None:
+    student = Student([1] * 24, [6, 5], 4, 3)
+    settings = ReinforceSettings(
+        steps=64, walkers=4, steps_an_update=16, batch=16, epochs=1, critic_first=0, settle_part=2.0, settle_rate=1e-3
+    )
+    training = Reinforcement(student, hardcore=False, settings=settings, seed=0)
+    training.advance()
+    assert training.done
+    assert not training.settled
+    seen = np.random.default_rng(0).normal(0.0, 0.5, (500, 24)).astype(np.float32)
+    rounded = student.rounded(seen, np.random.default_rng(1), 1)
+    assert [layer.quantized for layer in rounded.layers] == [True, False, False]
+    training.adopt(rounded)
+    assert training.student is student
+    assert np.array_equal(student.act(seen), rounded.act(seen))
+    assert not training.done
+    before = {name: value.clone() for name, value in student.state_dict().items()}
+    training.advance()
+    assert training._model.policy.optimizer.param_groups[0]["lr"] == 1e-3
+    training.advance()
+    assert training._model.policy.optimizer.param_groups[0]["lr"] == 0.5e-3
+    assert training.done
+    changed = {name for name, value in student.state_dict().items() if not torch.equal(value, before[name])}
+    assert {name.split(".")[1] for name in changed} == {"1", "2"}
+    state = training.state()
+    other = Reinforcement(Student([1] * 24, [6, 5], 4, 3), hardcore=False, settings=settings, seed=0)
+    other.restore(state)
+    assert np.array_equal(other.student.act(seen), student.act(seen))
+    assert [layer.quantized for layer in other.student.layers] == [True, False, False]
+    assert (other.steps, other.done, other.settled) == (training.steps, True, False)
+    training.adopt(student.rounded(seen, np.random.default_rng(1), 2))
+    assert training.settled
+    training.close()
+    other.close()
 
 
 def test_reinforcement_changes_the_student_once_its_critic_has_begun() -> None:

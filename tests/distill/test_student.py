@@ -182,3 +182,31 @@ def test_rounding_fits_balances_and_looks_at_nodes_where_they_are_not_clamped() 
         found = student.rounded(observations, np.random.default_rng(0))
         errors.append(float(((found.act(observations) - student.act(observations)) ** 2).mean()))
     assert np.mean(errors) < 0.017  # 0.015; 0.019 to 0.021 without any one of the three
+
+
+def test_a_layer_after_the_other_becomes_integers_and_those_above_make_good_what_that_did() -> None:
+    errors = []
+    for seed in range(4):
+        torch.manual_seed(seed)
+        student = Student([0, 1, 2, 1, 0, 2, 1, 0], [12, 8], 4, 1)
+        rng = np.random.default_rng(seed)
+        common = rng.normal(size=(2000, 2))
+        observations = (1.5 + common @ rng.normal(size=(2, 8)) + 0.3 * rng.normal(size=(2000, 8))).astype(np.float32)
+        one = student.rounded(observations, rng, 1)
+        assert [layer.quantized for layer in one.layers] == [True, False, False]
+        plain = student.balanced()
+        for name in ("weight", "bias"):
+            getattr(plain.layers[0], name).data.copy_(getattr(one.layers[0], name).data)
+        wanted = student.act(observations)
+        errors.append([float(((each.act(observations) - wanted) ** 2).mean()) for each in (one, plain)])
+        two = one.rounded(observations, rng, 2)
+        assert [layer.quantized for layer in two.layers] == [True, True, False]
+        assert torch.equal(two.layers[0].weight, one.layers[0].weight)
+        assert two.scales == one.scales
+        weights, _, exponents = (x.detach().numpy() for x in two.layers[1].integers())
+        assert np.array_equal(weights * 2.0 ** exponents[:, None], two.layers[1].weight.detach().numpy())
+        whole = two.rounded(observations, rng)
+        assert whole.rounded_layers == 3
+        assert whole.controller().is_ternary
+    made_good, as_it_was = np.mean(errors, axis=0)
+    assert made_good < 0.7 * as_it_was
