@@ -32,7 +32,7 @@ class Training:
 
     A walker that stands before an obstacle is no worse off than one that falls over it then, and learns nothing there for long.
     """
-    stall_gain: float = 10.0
+    stall_gain: float = 3.0
     """Of the sum of its rewards over the largest that it had; a whole course is worth 300."""
 
 

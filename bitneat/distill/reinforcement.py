@@ -54,7 +54,7 @@ class ReinforceSettings:
     """Logarithm of the actions' standard deviation at the start."""
     fall: float = -60.0
     """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
-    stall_steps: int = 200
+    stall_steps: int = 120
     """As of `bitneat.baselines.vecenv.Training`: to stand still is as bad as to fall."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
