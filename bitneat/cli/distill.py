@@ -113,8 +113,10 @@ def run(args: argparse.Namespace) -> int:
     settings = DistillSettings(tuple(args.hidden or HIDDEN), args.planes, args.rounds, updates=args.updates or UPDATES)
     folder: Path = args.output or Path("runs") / f"distill-{args.seed}"
     try:
-        reinforce = ReinforceSettings(args.reinforce)
-        champion, score = distill(teacher, settings, args.seed, folder, tell=_tell, reinforce=reinforce)
+        settings_of = ReinforceSettings.going_on if isinstance(teacher, Champion) else ReinforceSettings
+        champion, score = distill(
+            teacher, settings, args.seed, folder, tell=_tell, reinforce=settings_of(args.reinforce)
+        )
     except KeyboardInterrupt as stop:
         stop.args = ("stopped; the same command goes on from the last checkpoint",)
         raise

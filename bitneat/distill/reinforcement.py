@@ -52,9 +52,11 @@ class ReinforceSettings:
     entropy: float = 0.001
     log_std: float = -1.5
     """Logarithm of the actions' standard deviation at the start."""
+    learn_std: bool = True
+    """Whether the standard deviation is trained, too."""
     fall: float = -60.0
     """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
-    stall_steps: int = 120
+    stall_steps: int | None = None
     """As of `bitneat.baselines.vecenv.Training`: to stand still is as bad as to fall."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
@@ -62,6 +64,25 @@ class ReinforceSettings:
     """Of the steps, so many more after each layer that has become integers but the last: the layers above learn to live with it."""
     settle_rate: float = 1e-4
     """The learning rate at the start of those."""
+
+    @classmethod
+    def going_on(cls, steps: int) -> ReinforceSettings:
+        """For a student that walks already, and has more to lose.
+
+        Its critic learns longer before it does, its rate is lower, and its noise stays as it is: where that was trained it all but
+        vanished, and the same steps of the weights became too large for it. It looks further ahead, and must not stand still.
+        """
+        return cls(
+            steps,
+            batch=2048,
+            learning_rate=1e-4,
+            gamma=0.995,
+            log_std=-2.3,
+            learn_std=False,
+            stall_steps=120,
+            critic_first=75,
+            settle_part=0.05,
+        )
 
     def steps_with(self, rounded_layers: int) -> int:
         """How many to take with so many layers of integers."""
@@ -131,6 +152,7 @@ class Reinforcement:
             device="cpu",
         )
         silence(self._model)
+        self._model.policy.log_std.requires_grad_(settings.learn_std)
         self._updates = 0
         self._begun = 0
 
