@@ -7,14 +7,15 @@ Runs where bitneat[baselines] is installed: ``make test-baselines``.
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bitneat.champion import EnvironmentSpec, FloatChampion, load
+from bitneat.champion import EnvironmentSpec, FloatChampion, load, save_pickle
+from bitneat.cli import main
 from bitneat.controller.packing import pack
 from bitneat.errors import BitneatError
 from bitneat.evolve.evaluation import NativeWalkerEvaluator
@@ -163,6 +164,27 @@ def test_the_learning_rate_of_reinforcement_falls_to_the_end() -> None:
         rates.append(training._model.policy.optimizer.param_groups[0]["lr"])
     training.close()
     assert rates == pytest.approx([1e-2, 0.75e-2, 0.5e-2, 0.25e-2])
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_noise_stays_as_it_is_or_is_learned(learned: bool) -> None:
+    settings = ReinforceSettings(
+        walkers=4, steps_an_update=8, batch=16, epochs=1, critic_first=0, log_std=-2.0, learn_std=learned
+    )
+    training = Reinforcement(Student([1] * 24, [5], 4, 2), hardcore=False, settings=settings, seed=0)
+    training.advance()
+    assert torch.equal(training._model.policy.log_std, torch.full((4,), -2.0)) == (not learned)
+    training.close()
+
+
+def test_a_student_that_goes_on_is_treated_as_one_that_walks(tmp_path: Path) -> None:
+    begun, _ = distill(teacher(), SMALL, 2, tmp_path / "begun", tell=lambda row: None)
+    save_pickle(begun, tmp_path / "begun.pkl")
+    command = ["distill", str(tmp_path / "begun.pkl"), "--reinforce", "1", "--rounds", "3", "-o", str(tmp_path / "on")]
+    assert main(command) == 0
+    written = json.loads((tmp_path / "on" / "distill.json").read_text())
+    assert written["reinforce"] == json.loads(json.dumps(asdict(ReinforceSettings.going_on(1))))
+    assert written["reinforce"] != json.loads(json.dumps(asdict(ReinforceSettings(1))))
 
 
 def test_layers_of_integers_are_not_trained_and_those_above_go_on() -> None:
