@@ -22,7 +22,7 @@ DESCRIPTION = """\
 Trains a small layered network to do what a float champion does, where the small
 one itself goes (DAgger). It computes with integer weights and power-of-two gains
 from early on, so that the controller is what was trained. With --reinforce it
-goes on by its own reward, with real weights, and is rounded at the end; so does
+goes on by its own reward, and is rounded layer by layer from there; so does
 what an earlier run made, polished or not, without imitation. The same command
 again goes on, if it was stopped. docs/distill.md explains it."""
 EXAMPLE = """\

@@ -106,9 +106,9 @@ def distill(
 ) -> tuple[Champion, Score]:
     """Train a student, and write the best controller that it was as a champion.
 
-    With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and is rounded then.
-    Without, the student imitates the teacher all along, with integers after the first rounds. A controller that a student has
-    become is no teacher: it goes on itself, by its reward alone, and with the layers that it has.
+    With reinforcement the student imitates its teacher with real weights, goes on by itself with those, and is rounded layer by
+    layer. Without, the student imitates the teacher all along, with integers after the first rounds. A controller that a student
+    has become is no teacher: it goes on itself, by its reward alone, and with the layers that it has.
 
     If the folder holds the same run, it goes on from there.
 
