@@ -8,6 +8,7 @@ or what is left of a run whose own record is gone, which the new run would even 
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +30,10 @@ class Kind:
     """Patterns of all else that it overwrites, takes away or goes on from."""
     resumed_by: str = "the same command"
     """How the user goes on with a run."""
+
+    def is_in(self, folder: Path) -> bool:
+        """Whether a folder holds a run of this kind."""
+        return any(os.path.exists(folder / name) for name in self.states)  # noqa: PTH110 - False where it may not look
 
 
 EVOLVE = Kind(

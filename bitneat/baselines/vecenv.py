@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,27 +12,11 @@ from gymnasium.spaces import Discrete
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from bitneat.sim.bipedal import FALL_REWARD
 from bitneat.sim.walker.vector import WalkerVectorEnv, step_limit
 
-FALL = -100.0
-"""The reward of a step that ends in a fall, and of no other step."""
 _MANY = 64
 """Walkers from which on more than one thread is worth its while."""
-
-
-@dataclass(frozen=True)
-class Training:
-    """What is otherwise in episodes that train a walker than in those that score it."""
-
-    fall: float = FALL
-    """The reward of a fall."""
-    stall_steps: int | None = None
-    """An episode ends, with the reward of a fall, if so many steps have brought no `stall_gain`; None lets it go on.
-
-    A walker that stands before an obstacle is no worse off than one that falls over it then, and learns nothing there for long.
-    """
-    stall_gain: float = 3.0
-    """Of the sum of its rewards over the largest that it had; a whole course is worth 300."""
 
 
 class WalkerVecEnv(VecEnv):
@@ -48,7 +31,10 @@ class WalkerVecEnv(VecEnv):
         table: if given, (actions, 4), an action is the index of a row.
         max_episode_steps: the time limit; if not given, the environment's own.
         hardcore: BipedalWalkerHardcore-v3.
-        training: other rewards and ends, of which the info's ``episode`` tells the official reward.
+        fall_value: as of `bitneat.sim.environment.Shaping`; the info's ``episode`` has the official reward all the same.
+        stall_steps: as of `bitneat.sim.environment.Shaping`, but an episode that stops so counts as a fall: a walker that stands
+            before an obstacle is no better off than one that falls over it, and learns nothing there for long.
+        stall_gain: as of `bitneat.sim.environment.Shaping`.
     """
 
     def __init__(
@@ -57,9 +43,12 @@ class WalkerVecEnv(VecEnv):
         table: npt.NDArray[np.float32] | None = None,
         max_episode_steps: int | None = None,
         hardcore: bool = False,
-        training: Training | None = None,
+        *,
+        fall_value: float = FALL_REWARD,
+        stall_steps: int = 0,
+        stall_gain: float = 0.0,
     ) -> None:
-        self._training = training or Training()
+        self._fall_value, self._stall_steps, self._stall_gain = fall_value, stall_steps, stall_gain
         self._envs = WalkerVectorEnv(
             num_envs,
             hardcore,
@@ -113,16 +102,15 @@ class WalkerVecEnv(VecEnv):
             }
         self.episodes += int(done.sum())
         self._begin(done)
-        counted = np.where((rewards == FALL) | stalled, self._training.fall, rewards)
+        counted = np.where((rewards == FALL_REWARD) | stalled, self._fall_value, rewards)
         return observations, counted.astype(np.float32), done, infos
 
     def _stalled(self) -> npt.NDArray[np.bool_]:
         """Which walkers have stood for too long."""
-        risen = self._rewards > self._largest + self._training.stall_gain
+        risen = self._rewards > self._largest + self._stall_gain
         self._largest[risen] = self._rewards[risen]
         self._standing[:] = np.where(risen, 0, self._standing + 1)
-        steps = self._training.stall_steps
-        return self._standing >= steps if steps else np.zeros(self.num_envs, np.bool_)
+        return self._standing >= (self._stall_steps or np.inf)
 
     def close(self) -> None:
         """Free the walkers."""

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from bitneat.errors import BitneatError
-from bitneat.folders import KINDS
+from bitneat.folders import KINDS, Kind
 
 _RESULTS = ("output", "json")
 """Arguments that name what is written; any other path is read."""
@@ -27,13 +27,17 @@ class _Named:
 
 
 def require_distinct(
-    args: argparse.Namespace, parser: argparse.ArgumentParser, beside: Callable[[argparse.Namespace], list[Path]] | None
+    args: argparse.Namespace,
+    parser: argparse.ArgumentParser,
+    command: str,
+    beside: Callable[[argparse.Namespace], list[Path]] | None,
 ) -> None:
     """Refuse a command line that has a result written over something that it reads, or over another result.
 
     Args:
         args: what was parsed.
         parser: what parsed it, for the names of the arguments.
+        command: the sub-command.
         beside: what a command writes besides ``args.output``, if it writes more.
 
     Raises:
@@ -44,6 +48,7 @@ def require_distinct(
     if beside is not None:
         written[1:1] = [_Named(names["output"], path) for path in beside(args)]
     read = list(_read(args, names))
+    own = [kind for kind in KINDS if kind.command == command]
     for number, result in enumerate(written):
         for source in read:
             if _same(result.path, source.path):
@@ -51,13 +56,13 @@ def require_distinct(
                     f"{result.name} {result.path}: would overwrite {source.name} {source.path}, which is read;"
                     " expected another name"
                 )
-            if _is_of_run(result.path, source.path):
+            if any(_is_of(kind, result.path, source.path) for kind in KINDS if kind.is_in(source.path)):
                 raise BitneatError(
                     f"{result.name} {result.path}: would overwrite a file of the run {source.name} {source.path};"
                     " expected another name"
                 )
         for other in written[:number]:
-            if _same(result.path, other.path) or _is_of_run(result.path, other.path):
+            if _same(result.path, other.path) or any(_is_of(kind, result.path, other.path) for kind in own):
                 raise BitneatError(
                     f"{result.name} {result.path}: would overwrite what {other.name} writes; expected another name"
                 )
@@ -100,7 +105,7 @@ def _same(one: Path, other: Path) -> bool:
     return stat.S_ISREG(first.st_mode) and os.path.samestat(first, second)
 
 
-def _is_of_run(path: Path, folder: Path) -> bool:
-    """Whether a path is one of those by which a command keeps a run in a folder."""
+def _is_of(kind: Kind, path: Path, folder: Path) -> bool:
+    """Whether a path is one of those by which a run of this kind is kept in a folder."""
     inside = os.path.relpath(os.path.realpath(path), os.path.realpath(folder))
-    return any(fnmatchcase(inside, pattern) for kind in KINDS for pattern in (*kind.states, *kind.written))
+    return any(fnmatchcase(inside, pattern) for pattern in (*kind.states, *kind.written))

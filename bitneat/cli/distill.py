@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bitneat.cli.arguments import add_json, whole_number
-from bitneat.cli.outcome import controller_data, print_champion
+from bitneat.cli.outcome import controller_data, print_champion, warn
 from bitneat.errors import BitneatError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -36,10 +36,6 @@ FILES = """\
                    or of a controller that distill made
   RUN/             written: distill.json, imitation.pt, reinforcement.pt,
                    champion.pkl, champion.json"""
-
-
-HIDDEN = (20, 14)
-UPDATES = 3000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +106,10 @@ def run(args: argparse.Namespace) -> int:
         raise MissingExtraError(
             f"distill: {error.name or 'a library'} is not installed; pip install 'bitneat[baselines]'"
         ) from None
-    settings = DistillSettings(tuple(args.hidden or HIDDEN), args.planes, args.rounds, updates=args.updates or UPDATES)
+    given = {"hidden": args.hidden and tuple(args.hidden), "updates": args.updates}
+    settings = DistillSettings(
+        planes=args.planes, rounds=args.rounds, **{key: value for key, value in given.items() if value is not None}
+    )
     folder: Path = args.output or Path("runs") / f"distill-{args.seed}"
     try:
         settings_of = ReinforceSettings.going_on if isinstance(teacher, Champion) else ReinforceSettings
@@ -163,9 +162,11 @@ def _require_walkers(teacher: Champion | FloatChampion, path: Path) -> None:
         from bitneat.distill.layers import layers_of
 
         try:
-            layers_of(teacher.controller)
+            left_out = layers_of(teacher.controller).left_out
         except BitneatError as error:
             raise BitneatError(f"{path}: {error}") from None
+        if left_out:
+            warn(f"{path}: links that skip a layer are left out: {left_out}")
 
 
 def _tell(row: RoundRow | ReinforceRow | RoundingRow) -> None:

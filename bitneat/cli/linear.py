@@ -41,7 +41,6 @@ FILES = """\
 DEFAULT_GENERATIONS = 200
 _WALKS_AT = 150.0
 """Median reward at which a walker's falls begin to count."""
-_FALL = -100.0
 _RESOLUTIONS = (1, 2, 3, 4)
 _SELECTION_EPISODES = 64
 _REPORT_EPISODES = 100
@@ -101,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
         _FRAC_BITS,
         settings["seed"],
         population=settings["population"],
-        fall_reward=_FALL if walker else math.nan,
+        fall_reward=bipedal.FALL_REWARD if walker else math.nan,
         walks_at=_WALKS_AT if walker else math.inf,
     )
     if state is not None:

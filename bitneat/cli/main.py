@@ -259,7 +259,8 @@ def _run(argv: list[str]) -> int:
     from bitneat.cli.clashes import require_distinct
 
     require_few_workers(args)
-    require_distinct(args, parser, getattr(load(named), "also_writes", None) if named else None)
+    if named is not None:
+        require_distinct(args, parser, named, getattr(load(named), "also_writes", None))
     if getattr(args, "json", None) is not None:
         from bitneat.files import require_writable
 

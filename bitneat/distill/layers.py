@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The matrices of a layered controller: the way back from `bitneat.distill.student.Student.controller`."""
+"""The layers of a student's controller: the way back from `bitneat.distill.student.Student.controller`, which needs no PyTorch."""
 
 from __future__ import annotations
 
@@ -15,11 +15,19 @@ from bitneat.errors import BitneatError
 
 Reals = npt.NDArray[np.float64]
 
+FRAC_BITS = 8
+LIMIT = 2047
+"""Of an input, in units of 2^-8: beyond 8, times the power of two that it is scaled by, an observation is clipped."""
+
 
 @dataclass(frozen=True)
 class Layers:
-    """What a layered controller computes, but for rounding: ``clip(weights @ x + biases, -1, 1)`` one after the other."""
+    """What a student's controller computes, but for rounding: ``clip(weights @ x + biases, -1, 1)`` one after the other."""
 
+    scales: tuple[int, ...]
+    """Of the inputs: an observation counts 2^scale times."""
+    shifts: tuple[int, ...]
+    """How many powers of two an input's limit is away from `LIMIT`."""
     matrices: tuple[tuple[Reals, Reals], ...]
     """Of each layer the weights, (rows, columns), and the biases, (rows,)."""
     left_out: int
@@ -45,18 +53,24 @@ def layers_of(controller: Controller) -> Layers:
     A node belongs to the layer after the last that it reads.
 
     Raises:
-        BitneatError: if it has delayed links, other activations, or its outputs are not the nodes of the last layer.
+        BitneatError: if it is none that a student, polished or not, has become: it has delayed links, other activations, outputs
+            that are not the nodes of the last layer, or inputs that are scaled or limited in another way.
     """
     controller = controller.canonical
+    shifts = tuple(round(math.log2(entry.limit / LIMIT)) for entry in controller.inputs)
+    if controller.frac_bits != FRAC_BITS or any(
+        int(LIMIT * 2.0**shift) != entry.limit for shift, entry in zip(shifts, controller.inputs, strict=True)
+    ):
+        raise _no_student("its inputs have other limits, or its signals other fractions")
     inputs = len(controller.inputs)
     values = [_Sum({i: 1.0}) for i in range(inputs)]
     clamped: dict[int, _Sum] = {}
     depths = dict.fromkeys(range(inputs), 0)
     for index, node in enumerate(controller.nodes, start=inputs):
         if node.activation not in ("clamped", "identity"):
-            raise _unlayered(f"a node is {node.activation!r}, not clamped")
+            raise _no_student(f"a node is {node.activation!r}, not clamped")
         if any(link.delay for link in node.links):
-            raise _unlayered("a link is delayed")
+            raise _no_student("a link is delayed")
         scale = 2.0**node.gain
         bias = math.ldexp(node.bias, -controller.frac_bits) * scale
         weights: dict[int, float] = {}
@@ -74,15 +88,16 @@ def layers_of(controller: Controller) -> Layers:
     layers = [[index for index in depths if depths[index] == depth] for depth in range(max(depths.values()) + 1)]
     outputs = [output.index for output in controller.outputs if isinstance(output, Signal)]
     if len(layers) == 1 or len(outputs) < len(controller.outputs) or sorted(outputs) != layers[-1]:
-        raise _unlayered("the outputs are not the nodes of its last layer")
+        raise _no_student("the outputs are not the nodes of its last layer")
     layers[-1] = outputs
     matrices, kept = [], 0
     for below, layer in itertools.pairwise(layers):
         rows = [[clamped[index].weights.get(source, 0.0) for source in below] for index in layer]
         matrices.append((np.array(rows), np.array([clamped[index].bias for index in layer])))
         kept += sum(source in clamped[index].weights for index in layer for source in below)
-    return Layers(tuple(matrices), sum(len(total.weights) for total in clamped.values()) - kept)
+    scales = tuple(entry.scale for entry in controller.inputs)
+    return Layers(scales, shifts, tuple(matrices), sum(len(total.weights) for total in clamped.values()) - kept)
 
 
-def _unlayered(what: str) -> BitneatError:
-    return BitneatError(f"is no layered controller: {what}")
+def _no_student(what: str) -> BitneatError:
+    return BitneatError(f"is no student's controller: {what}")

@@ -27,7 +27,7 @@ from bitneat.baselines.stable import (
     restore_random,
     silence,
 )
-from bitneat.baselines.vecenv import Training, WalkerVecEnv
+from bitneat.baselines.vecenv import WalkerVecEnv
 from bitneat.distill.student import Student
 
 _LEAST_RATE = 0.02
@@ -56,8 +56,10 @@ class ReinforceSettings:
     """Whether the standard deviation is trained, too."""
     fall: float = -60.0
     """What a fall counts in training. At the official -100 a student that mostly falls may learn to stand still."""
-    stall_steps: int | None = None
-    """As of `bitneat.baselines.vecenv.Training`: to stand still is as bad as to fall."""
+    stall_steps: int = 0
+    """As of `WalkerVecEnv`: to stand still is as bad as to fall."""
+    stall_gain: float = 3.0
+    """As of `WalkerVecEnv`; a whole course is worth 300."""
     critic_first: int = 10
     """Updates in which only the critic learns, which knows nothing at first."""
     settle_part: float = 0.125
@@ -81,7 +83,6 @@ class ReinforceSettings:
             learn_std=False,
             stall_steps=120,
             critic_first=75,
-            settle_part=0.05,
         )
 
     def steps_with(self, rounded_layers: int) -> int:
@@ -133,10 +134,14 @@ class Reinforcement:
     def __init__(self, student: Student, hardcore: bool, settings: ReinforceSettings, seed: int) -> None:
         self.student, self.hardcore, self._settings = student, hardcore, settings
         student.quantize(False)
-        training = Training(settings.fall, settings.stall_steps)
-        self._env = VecNormalize(
-            WalkerVecEnv(settings.walkers, hardcore=hardcore, training=training), norm_obs=False, gamma=settings.gamma
+        walkers = WalkerVecEnv(
+            settings.walkers,
+            hardcore=hardcore,
+            fall_value=settings.fall,
+            stall_steps=settings.stall_steps,
+            stall_gain=settings.stall_gain,
         )
+        self._env = VecNormalize(walkers, norm_obs=False, gamma=settings.gamma)
         self._model = PPO(
             _Policy,
             self._env,

@@ -124,7 +124,7 @@ def distill(
         The champion, and its score on the report seeds.
 
     Raises:
-        BitneatError: if the teacher is not for a walker, or a controller that no student can become, or one without reinforcement;
+        BitneatError: if the teacher is not for a walker, or a controller that no student has become, or one without reinforcement;
             or if the folder holds something else.
     """
     spec = teacher.environment
@@ -136,7 +136,7 @@ def distill(
     begun: Student | None = None
     if isinstance(teacher, Champion):
         if not reinforce.steps:
-            raise BitneatError("distill: is a controller already, which can go on with reinforcement alone")
+            raise BitneatError("distill: the teacher is a controller already, which can go on with reinforcement alone")
         begun = Student.from_controller(teacher.controller, settings.planes)
         settings = replace(settings, hidden=begun.hidden)
     run = {

@@ -25,13 +25,9 @@ from torch.nn.functional import hardtanh, linear
 
 from bitneat.controller import Controller, Input, Link, Node, Signal
 from bitneat.controller.ir import GAIN_RANGE
-from bitneat.distill.layers import layers_of
+from bitneat.distill.layers import FRAC_BITS, LIMIT, layers_of
 from bitneat.distill.rounding import round_row
-from bitneat.errors import BitneatError
 
-FRAC_BITS = 8
-LIMIT = 2047
-"""Of an input, in units of 2^-8: beyond 8, times the power of two that it is scaled by, an observation is clipped."""
 _LEAST_SHIFT = -4
 """How many powers of two an input that matters little may be scaled by less than the one that matters most."""
 
@@ -149,21 +145,17 @@ class Student(nn.Module):
         Links that skip a layer are left out.
 
         Raises:
-            BitneatError: if the controller is none that a student, polished or not, has become.
+            BitneatError: as of `layers_of`.
         """
         layers = layers_of(controller)
-        # A limit tells how much of its scale an input got by `balanced`.
-        shifts = [round(math.log2(entry.limit / LIMIT)) for entry in controller.inputs]
-        limits = [int(LIMIT * 2.0**shift) for shift in shifts]
-        if controller.frac_bits != FRAC_BITS or limits != [entry.limit for entry in controller.inputs]:
-            raise BitneatError("is no student's controller: its inputs are scaled or limited in another way")
-        scales = [entry.scale - shift for entry, shift in zip(controller.inputs, shifts, strict=True)]
+        # An input that `balanced` has scaled has a limit that tells by how much.
+        scales = [scale - shift for scale, shift in zip(layers.scales, layers.shifts, strict=True)]
         student = cls(scales, layers.hidden, len(controller.outputs), planes)
         with torch.no_grad():
             for layer, (weights, biases) in zip(student.layers, layers.matrices, strict=True):
                 layer.weight.copy_(torch.from_numpy(weights))
                 layer.bias.copy_(torch.from_numpy(biases))
-            student.layers[0].weight *= torch.exp2(torch.tensor(shifts, dtype=torch.float32))
+            student.layers[0].weight *= torch.exp2(torch.tensor(layers.shifts, dtype=torch.float32))
         return student
 
     def adopt(self, other: Student) -> None:

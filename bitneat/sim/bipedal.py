@@ -27,6 +27,9 @@ NUM_RAYS = 10
 IDS = ("BipedalWalker-v3", "BipedalWalkerHardcore-v3")
 """Gymnasium's names for the walker on even and on uneven ground."""
 
+FALL_REWARD = -100.0
+"""Of a step that ends in a fall, and of no other."""
+
 _ENTRY_POINT = "gymnasium.envs.box2d.bipedal_walker:BipedalWalker"
 _KNOWN_SOURCES = {
     "__init__": {"c347686ebdb705248fb644e1f695f9b0041f6b4854660a1f6483b476cf773341"},
@@ -144,7 +147,7 @@ def _lean_walker() -> Any:
             shaping = 130 * x / original.SCALE
             shaping -= 5.0 * abs(angle)
             if self.game_over or x < 0:
-                reward, terminated = -100.0, True
+                reward, terminated = FALL_REWARD, True
             else:
                 rounded = np.float32(shaping - self.prev_shaping)
                 for cost in energy * effort:

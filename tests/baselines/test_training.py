@@ -313,10 +313,10 @@ def test_an_episode_that_only_the_time_limit_ends_is_told_as_truncated(libraries
 
 
 def test_a_fall_counts_what_it_is_told_and_all_else_as_it_is(libraries: None) -> None:
-    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+    from bitneat.baselines.vecenv import WalkerVecEnv
 
     rewards = []
-    for env in (WalkerVecEnv(2, hardcore=True, training=Training(fall=-20.0)), WalkerVecEnv(2, hardcore=True)):
+    for env in (WalkerVecEnv(2, hardcore=True, fall_value=-20.0), WalkerVecEnv(2, hardcore=True)):
         env.seed(3)
         env.reset()
         steps = [env.step(np.ones((2, 4), np.float32)) for _ in range(300)]
@@ -331,10 +331,10 @@ def test_a_fall_counts_what_it_is_told_and_all_else_as_it_is(libraries: None) ->
 
 
 def test_a_walker_that_stands_for_too_long_ends_as_one_that_falls(libraries: None) -> None:
-    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+    from bitneat.baselines.vecenv import WalkerVecEnv
 
     plain = WalkerVecEnv(2)
-    ours = WalkerVecEnv(2, training=Training(fall=-30.0, stall_steps=40))
+    ours = WalkerVecEnv(2, fall_value=-30.0, stall_steps=40, stall_gain=3.0)
     for env in (plain, ours):
         env.seed(6)
         env.reset()
@@ -363,12 +363,12 @@ def test_a_walker_that_stands_for_too_long_ends_as_one_that_falls(libraries: Non
 
 
 def test_a_walker_that_gets_on_does_not_stand(libraries: None) -> None:
-    from bitneat.baselines.vecenv import Training, WalkerVecEnv
+    from bitneat.baselines.vecenv import WalkerVecEnv
 
     walker = Agent(load(Path(__file__).parents[2] / "examples" / "champions" / "walker.pkl"))
     lengths = []
     for gain in (10.0, 1000.0):
-        env = WalkerVecEnv(1, training=Training(stall_steps=150, stall_gain=gain))
+        env = WalkerVecEnv(1, stall_steps=150, stall_gain=gain)
         env.seed(1)
         observations = env.reset()
         walker.reset()

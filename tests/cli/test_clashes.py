@@ -114,10 +114,11 @@ def test_two_results_are_two_files(line: str, names: str, folder: Path, capsys: 
 )
 def test_a_run_s_own_files_are_kept(line: str, says: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "run").mkdir()
+    (folder / "run" / "run.json").write_text("the run")
     (folder / "way").symlink_to("run")
     assert main(line.split()) == 2
     assert capsys.readouterr() == ("", f"bitneat: {says}; expected another name\n")
-    assert not list((folder / "run").iterdir())
+    assert [path.read_text() for path in (folder / "run").iterdir()] == ["the run"]
     assert not (folder / "new").exists()
 
 

@@ -45,7 +45,7 @@ def test_a_missing_library_is_one_line_and_exit_status_2(
             [str(TINY)],
             "tiny.pkl: is a controller already, which can go on with --reinforce STEPS; or give a float champion",
         ),
-        ([str(TINY), "--reinforce", "9"], "tiny.pkl: is no layered controller: "),
+        ([str(TINY), "--reinforce", "9"], "tiny.pkl: is no student's controller: "),
         ([str(TINY), "--reinforce", "9", "--hidden", "5"], "--hidden: "),
         ([str(TINY), "--reinforce", "9", "--updates", "5"], "--updates: "),
         (["nowhere.pkl"], "nowhere.pkl: "),
@@ -92,6 +92,15 @@ def test_a_teacher_of_something_else_is_refused_before_a_run_is_begun(
     assert main(["distill", str(path), "-o", str(tmp_path / "run")]) == 2
     assert capsys.readouterr().err == f"bitneat: {path}: {message}\n"
     assert not (tmp_path / "run").exists()
+
+
+def test_links_that_skip_a_layer_are_said_to_be_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)  # it is said before anything is trained
+    polished = TINY.with_name("hardcore.pkl")
+    assert main(["distill", str(polished), "--reinforce", "9", "-o", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.splitlines()[0] == f"bitneat: {polished}: links that skip a layer are left out: 1"
 
 
 def test_rounds_are_told_and_the_same_command_has_the_result_again(

@@ -61,14 +61,17 @@ def test_identities_may_follow_each_other_and_outputs_stand_in_any_order() -> No
         Node((Link(0), Link(3, sign=-1)), 128, -1, "clamped"),
         Node((Link(0), Link(2, shift=1)), 0, -2, "clamped"),
     )
-    controller = Controller((Input(), Input()), nodes, (Signal(5), Signal(4)))
-    ((weights, biases),) = layers_of(controller).matrices
+    controller = Controller((Input(0, 2047), Input(1, 1023)), nodes, (Signal(5), Signal(4)))
+    layers = layers_of(controller)
+    ((weights, biases),) = layers.matrices
     # Node 2 is 2 (x0 - x1 + 1/4), node 3 is 4 (x1 + node 2 - 1/8), by hand.
     assert weights.tolist() == [[1.25, -1.0], [(1 - 8) / 2, 4 / 2]]
     assert biases.tolist() == [0.25, (0.5 - 1.5) / 2]
+    assert (layers.scales, layers.shifts) == ((0, 1), (0, -1))
     assert _difference(controller) < 0.05
 
 
+INPUT = Input(0, 2047)
 NODE = Node((Link(0),), 0, 0, "clamped")
 
 
@@ -85,5 +88,11 @@ NODE = Node((Link(0),), 0, 0, "clamped")
     ],
 )
 def test_what_has_no_layers_is_refused(nodes: tuple[Node, ...], outputs: tuple[Signal, ...], message: str) -> None:
-    with pytest.raises(BitneatError, match=f"^is no layered controller: {message}"):
-        layers_of(Controller((Input(),), nodes, outputs))
+    with pytest.raises(BitneatError, match=f"^is no student's controller: {message}"):
+        layers_of(Controller((INPUT,), nodes, outputs))
+
+
+@pytest.mark.parametrize(("limit", "frac_bits"), [(1500, 8), (1, 8), (32767, 8), (2047, 7)])
+def test_inputs_that_no_student_has_are_refused(limit: int, frac_bits: int) -> None:
+    with pytest.raises(BitneatError, match=r"^is no student's controller: its inputs have other limits"):
+        layers_of(Controller((INPUT, Input(1, limit)), (NODE,), (Signal(2),), frac_bits))
